@@ -1,0 +1,1 @@
+"""Image modules of terrex: measurement, correction, matching, reconstruction and simulation; they know no rules."""

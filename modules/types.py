@@ -1,0 +1,295 @@
+"""Shapes, units and conventions shared by all modules; written once, here.
+
+Images are `(H, W)` gray or `(H, W, 3)` RGB, uint8 or uint16. Arrays are indexed row, column. A quantity in `_dn` is on
+the 0-255 scale whatever the bit depth. Disparity is left column minus right column, in pixels of the left image; a
+point at infinity has disparity `-doffs`. Lengths are metres; angles are radians inside and degrees at the edge.
+
+Frames follow ROS REP 103. Camera optical: x right, y down, z forward. Body and level: x forward, y left, z up. Positive
+roll lowers the right side, positive pitch lowers the nose, positive yaw turns left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import IntFlag
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
+Mask: TypeAlias = NDArray[np.bool_]
+FloatImage: TypeAlias = NDArray[np.float32]
+Side: TypeAlias = Literal["left", "right"]
+
+
+def full_scale(image: Image) -> int:
+    """Return the largest value of the image's dtype, 255 or 65535."""
+    return int(np.iinfo(image.dtype).max)
+
+
+def dn_scale(image: Image) -> float:
+    """Return the stored levels per DN: 1 for 8 bit, 257 for 16 bit."""
+    return full_scale(image) / 255.0
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """Corresponding points of a pair.
+
+    Attributes
+    ----------
+    left_xy, right_xy : float32 (N, 2)
+        Column and row of each point in px.
+    """
+
+    left_xy: NDArray[np.float32]
+    right_xy: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.left_xy)
+
+
+@dataclass(frozen=True)
+class Views:
+    """The two images of a pair on their way through correction.
+
+    Attributes
+    ----------
+    left, right : (H, W) or (H, W, 3), uint8 or uint16
+        Images of one shape and dtype. Disparity always refers to the geometry of the original left image: operators
+        that align rows warp the right image.
+    left_mask, right_mask : bool (H, W) or None
+        True where the pixel may be used; None means everywhere.
+    correspondences : Correspondences or None
+        Sparse matches, where a probe has measured them.
+    """
+
+    left: Image
+    right: Image
+    left_mask: Mask | None = None
+    right_mask: Mask | None = None
+    correspondences: Correspondences | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return int(self.left.shape[0]), int(self.left.shape[1])
+
+    def with_images(self, left: Image, right: Image) -> Views:
+        """Return the same views with other images."""
+        return replace(self, left=left, right=right)
+
+
+@dataclass(frozen=True)
+class DisparityRange:
+    """Disparities to search, in whole px: `min_px <= d < max_px`, like a Python range."""
+
+    min_px: int
+    max_px: int
+
+    def __post_init__(self) -> None:
+        if self.max_px <= self.min_px:
+            raise ValueError(
+                f"disparity range {self.min_px} {self.max_px} is empty; the second number must be larger than the first"
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of disparities searched."""
+        return self.max_px - self.min_px
+
+
+class Invalid(IntFlag):
+    """Reasons why a pixel has no disparity; 0 means valid. Stored as uint16."""
+
+    NO_MATCH = 1  # the matcher gave no disparity and no narrower reason
+    MASKED = 2  # excluded by a mask of the pair
+    OUTSIDE = 4  # its match would lie outside the right image
+    RANGE_BORDER = 8  # the best disparity is at an end of the searched range
+    LEFT_RIGHT = 16  # the match of the match is another pixel
+    NOT_UNIQUE = 32  # a second disparity is nearly as good
+    FLAT_MINIMUM = 64  # the cost hardly depends on the disparity
+    SPECKLE = 128  # part of a small island of similar disparity
+    SATURATED = 256  # clipped in either image
+    TEXTURELESS = 512  # too little texture to decide
+    LOW_CONFIDENCE = 1024  # below the confidence limit
+    SKY = 2048  # sky, no terrain
+    FILLED = 4096  # in a filled product only: the value was interpolated
+
+
+@dataclass(frozen=True)
+class Disparity:
+    """A disparity map of the left image.
+
+    Attributes
+    ----------
+    disparity_px : float32 (H, W)
+        Left column minus right column, px; NaN where invalid.
+    validity : uint16 (H, W)
+        `Invalid` flags; 0 where valid.
+    confidence : float32 (H, W) or None
+        Predicted probability that the error is below 1 px, 0-1.
+    sigma_px : float32 (H, W) or None
+        Predicted standard deviation of the disparity, px.
+    right_px : float32 (H, W) or None
+        Disparity of the right image (same sign convention, indexed by right column), for consistency checks.
+    """
+
+    disparity_px: FloatImage
+    validity: NDArray[np.uint16]
+    confidence: FloatImage | None = None
+    sigma_px: FloatImage | None = None
+    right_px: FloatImage | None = None
+
+    @property
+    def valid(self) -> Mask:
+        """True where the pixel has a disparity."""
+        return np.isfinite(self.disparity_px)
+
+    def reject(self, where: Mask, reason: Invalid) -> Disparity:
+        """Return a copy with the valid pixels of `where` made invalid for `reason`."""
+        drop = where & self.valid
+        disparity = np.where(drop, np.float32(np.nan), self.disparity_px)
+        validity = np.where(drop, self.validity | np.uint16(reason), self.validity).astype(np.uint16)
+        return replace(self, disparity_px=disparity, validity=validity)
+
+    def rejected(self) -> dict[str, int]:
+        """Count the invalid pixels by reason."""
+        counts = {flag.name or "": int(np.count_nonzero(self.validity & flag.value)) for flag in Invalid}
+        return {name: count for name, count in counts.items() if count}
+
+
+@dataclass(frozen=True)
+class Matching:
+    """State of the matching stage: what its operators take and return."""
+
+    views: Views
+    range_px: DisparityRange | None = None
+    disparity: Disparity | None = None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Geometry of a rectified pair.
+
+    Depth is `Z = focal_px * baseline_m / (d + doffs_px)`, where doffs is the right principal point's column minus the
+    left one's. Pixel (column u, row v) of the left image looks along `((u - cx) / f, (v - cy) / f, 1)`.
+    """
+
+    focal_px: float
+    cx_px: float
+    cy_px: float
+    baseline_m: float
+    width_px: int
+    height_px: int
+    doffs_px: float = 0.0
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Attitude of the body: `p_level = Rz(yaw) Ry(pitch) Rx(roll) p_body`, radians, REP 103."""
+
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    sigma_rad: float = 0.0  # standard deviation of roll and pitch
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Where the left camera sits: `p_body = rotation @ p_optical + translation_m`.
+
+    The default looks forward along body x from the origin of the body frame.
+    """
+
+    rotation: NDArray[np.float64] = field(
+        default_factory=lambda: np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    )
+    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points of the terrain.
+
+    Attributes
+    ----------
+    xyz_m : float32 (N, 3)
+        Coordinates in `frame`.
+    frame : str
+        `optical`, `body`, `level` or `enu`.
+    rgb : uint8 (N, 3) or None
+    pixel : int32 (N,)
+        Flat index of each point's pixel in the left image.
+    covariance_m2 : float32 (N, 6) or None
+        xx, xy, xz, yy, yz, zz.
+    """
+
+    xyz_m: NDArray[np.float32]
+    frame: str
+    pixel: NDArray[np.int32]
+    rgb: NDArray[np.uint8] | None = None
+    covariance_m2: NDArray[np.float32] | None = None
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.xyz_m)
+
+    def select(self, keep: Mask) -> PointCloud:
+        """Return the points where `keep` (N,) is true."""
+        return replace(
+            self,
+            xyz_m=self.xyz_m[keep],
+            pixel=self.pixel[keep],
+            rgb=None if self.rgb is None else self.rgb[keep],
+            covariance_m2=None if self.covariance_m2 is None else self.covariance_m2[keep],
+        )
+
+
+@dataclass(frozen=True)
+class ElevationMap:
+    """Named layers on one grid of the level frame.
+
+    Cell (i, j) covers x from `x0_m + j * cell_m` and y from `y0_m + i * cell_m`, one cell wide. `layers["elevation"]`
+    is z in metres; other layers are named after the quantity and its unit. NaN marks unknown cells of float layers.
+    """
+
+    x0_m: float
+    y0_m: float
+    cell_m: float
+    layers: dict[str, NDArray[np.generic]]
+    frame: str = "level"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows (y) and columns (x)."""
+        rows, columns = self.layers["elevation"].shape
+        return int(rows), int(columns)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """State of the reconstruction stage: what its operators take and return."""
+
+    disparity: Disparity
+    left: Image
+    calibration: Calibration | None = None
+    attitude: Attitude | None = None
+    mount: Mount = field(default_factory=Mount)
+    points: PointCloud | None = None
+    elevation: ElevationMap | None = None
+    rejected: dict[str, int] = field(default_factory=dict)  # points dropped, by reason
+    ground: GroundPlane | None = None  # fitted where the attitude is unknown
+
+
+@dataclass(frozen=True)
+class GroundPlane:
+    """A plane fitted to the terrain, from which roll and pitch follow when no attitude was measured."""
+
+    normal: tuple[float, float, float]
+    height_m: float
+    sigma_tilt_rad: float
+    residual_m: float
+    inlier_fraction: float
