@@ -1,0 +1,49 @@
+"""Checks and histograms that the operators of correction share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modules.operator import OperatorError
+from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray
+from modules.primitives.statistics import Floats, count_levels
+from modules.types import Image, Mask, Views
+
+
+def check_pair(views: Views, name: str) -> None:
+    """Raise `OperatorError` unless both images have one shape and one dtype, uint8 or uint16."""
+    left, right = views.left, views.right
+    if left.shape != right.shape:
+        raise OperatorError(
+            f"{name}: left image is {left.shape} and right image is {right.shape}; crop them to one size first"
+        )
+    if left.dtype != right.dtype or left.dtype not in (np.uint8, np.uint16):
+        raise OperatorError(
+            f"{name}: images are {left.dtype} and {right.dtype}; convert both to uint8 or both to uint16 first"
+        )
+
+
+def shared_shift_px(views: Views) -> int:
+    """Return the column shift between the contents of the images, px."""
+    return dominant_shift_px(to_8_bit(to_gray(views.left)), to_8_bit(to_gray(views.right)))
+
+
+def channel_histograms(views: Views, shift_px: int, channels: str) -> tuple[list[Floats], list[Floats]]:
+    """Return the histograms of the left and right image, one per channel or one of luminance, on the common view."""
+    sides: list[list[Floats]] = []
+    left, right = views.left, views.right
+    left_mask, right_mask = _mask(views.left_mask, views), _mask(views.right_mask, views)
+    left_cut, right_cut = common_view(left, right, shift_px)
+    left_use, right_use = common_view(left_mask, right_mask, shift_px)
+    for name, image, use in (("left", left_cut, left_use), ("right", right_cut, right_use)):
+        if not use.any():
+            raise OperatorError(f"correction: no pixel of the {name} image is unmasked; loosen the masks first")
+        planes: list[Image] = [to_gray(np.ascontiguousarray(image))]
+        if channels == "each" and image.ndim == 3:
+            planes = [image[..., c] for c in range(image.shape[2])]
+        sides.append([count_levels(plane if use.all() else plane[use]) for plane in planes])
+    return sides[0], sides[1]
+
+
+def _mask(mask: Mask | None, views: Views) -> Mask:
+    return np.ones(views.shape, bool) if mask is None else mask

@@ -1,0 +1,111 @@
+"""Gray, 8-bit and common-field-of-view versions of a pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.types import Image
+
+
+def to_gray(image: Image) -> Image:
+    """Return the luminance of an RGB or gray image, (H, W), same dtype (Rec. 601 weights)."""
+    if image.ndim == 2:
+        return image
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+
+
+def to_8_bit(image: Image) -> NDArray[np.uint8]:
+    """Return the image on the 0-255 scale, uint8, rounded; 8-bit images are returned as they are."""
+    if image.dtype == np.uint8:
+        return image  # type: ignore[return-value]
+    return np.asarray(cv2.convertScaleAbs(image, alpha=1 / 257.0)).reshape(image.shape).astype(np.uint8, copy=False)
+
+
+def apply_table(image: Image, table: NDArray[np.float64]) -> Image:
+    """Map every level of an image through a table over all levels of its dtype, rounded to nearest."""
+    levels = np.clip(np.rint(table), 0, len(table) - 1).astype(image.dtype)
+    if image.dtype == np.uint8:
+        return np.asarray(cv2.LUT(image, levels)).reshape(image.shape)
+    return levels[image]
+
+
+def apply_tables(image: Image, tables: Sequence[NDArray[np.float64]]) -> Image:
+    """Map an image through one table, or each colour channel through its own."""
+    if len(tables) == 1 or image.ndim == 2:
+        return apply_table(image, tables[0])
+    planes = [apply_table(np.ascontiguousarray(image[..., c]), table) for c, table in enumerate(tables)]
+    return np.stack(planes, axis=2)
+
+
+def dominant_shift_px(left: NDArray[np.uint8], right: NDArray[np.uint8], width: int = 96) -> int:
+    """Estimate the column shift that brings most of the right image over the left one.
+
+    Correlates locally normalised thumbnails over shifts of up to 40 % of the width in both directions. Good enough to
+    compare what both images see; not a disparity.
+
+    Parameters
+    ----------
+    left, right : uint8 (H, W)
+    width : int
+        Width of the thumbnails in px.
+
+    Returns
+    -------
+    int
+        Left column minus right column, px; 0 where nothing correlates.
+    """
+    height = max(8, round(left.shape[0] * width / left.shape[1]))
+    if left.shape[1] < 2 * 8 or left.shape[0] < 8:
+        return 0
+    a, b = (_normalised(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)) for image in (left, right))
+    limit = int(0.4 * width)
+    scores = np.array([_correlation(a, b, shift) for shift in range(-limit, limit + 1)])
+    best = int(np.argmax(scores))
+    if scores[best] < 0.1:
+        return 0
+    return round((best - limit) * left.shape[1] / width)
+
+
+def _normalised(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    values = image.astype(np.float32)
+    mean = cv2.blur(values, (9, 9))
+    spread = np.sqrt(np.maximum(cv2.blur(values * values, (9, 9)) - mean * mean, 0))
+    return np.asarray((values - mean) / (spread + 2.0), dtype=np.float32)
+
+
+def _correlation(left: NDArray[np.float32], right: NDArray[np.float32], shift: int) -> float:
+    a, b = common_view(left, right, shift)
+    norm = float(np.sqrt(np.vdot(a, a) * np.vdot(b, b)))
+    return float(np.vdot(a, b)) / norm if norm > 0 else 0.0
+
+
+def common_view(left: NDArray, right: NDArray, shift_px: int) -> tuple[NDArray, NDArray]:
+    """Cut both images to the columns they share when the scene is shifted by `shift_px` (left minus right column)."""
+    width = left.shape[1]
+    shift = int(np.clip(shift_px, -width + 1, width - 1))
+    if shift >= 0:
+        return left[:, shift:], right[:, : width - shift]
+    return left[:, : width + shift], right[:, -shift:]
+
+
+def normalise_contrast(image: NDArray, sigma_px: float, eps: float) -> NDArray[np.float32]:
+    """Return `(g - mean_s) / (std_s + eps)` with Gaussian windows, float32, shape of the image.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3)
+    sigma_px : float
+        Standard deviation of the window, px.
+    eps : float
+        Added to the local standard deviation, in levels of the image; damps noise where there is no texture.
+    """
+    values = image.astype(np.float32)
+    centred = values - np.float32(values.mean())  # keeps the difference of squares accurate for 16 bit
+    mean = cv2.GaussianBlur(centred, (0, 0), sigma_px)
+    square = cv2.GaussianBlur(centred * centred, (0, 0), sigma_px)
+    spread = np.sqrt(np.maximum(square - mean * mean, 0))
+    return np.asarray((centred - mean) / (spread + np.float32(eps)), dtype=np.float32)

@@ -1,0 +1,171 @@
+"""Histograms, quantiles, robust fits and tone maps shared by measurement and correction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+
+MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+
+
+def robust_sigma(values: NDArray[np.floating]) -> float:
+    """Return the standard deviation of `values` as 1.4826 times their median absolute deviation; 0 if empty."""
+    if values.size == 0:
+        return 0.0
+    return float(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values))))
+
+
+def count_levels(values: NDArray[np.unsignedinteger]) -> Floats:
+    """Return the histogram of an unsigned image: float64 (256,) or (65536,), counts."""
+    return np.bincount(values.ravel(), minlength=int(np.iinfo(values.dtype).max) + 1).astype(np.float64)
+
+
+def mid_bin_cdf(counts: Floats) -> Floats:
+    """Return the cumulative distribution at the middle of each bin, `C - h/2`, between 0 and 1.
+
+    Half of a bin lies on either side of its level, so maps between equal contents are free of the bias of plain CDFs.
+    """
+    total = max(float(counts.sum()), 1.0)
+    return np.asarray((np.cumsum(counts) - counts / 2) / total, dtype=np.float64)
+
+
+def quantiles(counts: Floats, probabilities: Floats) -> Floats:
+    """Return interpolated quantiles of a histogram, in levels.
+
+    Parameters
+    ----------
+    counts : float64 (N,)
+        Histogram.
+    probabilities : float64 (M,)
+        Between 0 and 1, increasing.
+    """
+    occupied = np.flatnonzero(counts)
+    if occupied.size == 0:
+        return np.zeros(len(probabilities))
+    return np.interp(probabilities, mid_bin_cdf(counts)[occupied], occupied.astype(np.float64))
+
+
+def match_levels(source: Floats, reference: Floats) -> Floats:
+    """Return the increasing map that gives the source the reference's histogram.
+
+    Parameters
+    ----------
+    source, reference : float64 (N,)
+        Histograms over the same levels.
+
+    Returns
+    -------
+    float64 (N,)
+        Level of the reference for each level of the source, not rounded, within 0 and N - 1. Levels outside the
+        occupied range of the source keep the shift of its nearest end.
+
+    References
+    ----------
+    R. C. Gonzalez and R. E. Woods, Digital Image Processing, 2008 (histogram specification); mid-bin CDFs as in
+    `mid_bin_cdf`.
+    """
+    levels = np.arange(len(source), dtype=np.float64)
+    from_levels, to_levels = np.flatnonzero(source), np.flatnonzero(reference)
+    if from_levels.size == 0 or to_levels.size == 0:
+        return levels
+    mapped = np.interp(mid_bin_cdf(source)[from_levels], mid_bin_cdf(reference)[to_levels], to_levels)
+    first, last = from_levels[0], from_levels[-1]
+    table = np.interp(levels, from_levels, mapped)
+    table[:first] = levels[:first] + (mapped[0] - first)
+    table[last + 1 :] = levels[last + 1 :] + (mapped[-1] - last)
+    return np.clip(table, 0, len(source) - 1)
+
+
+def wasserstein_1(first: Floats, second: Floats) -> float:
+    """Return the Wasserstein-1 distance of two histograms over the same levels, in levels.
+
+    References
+    ----------
+    Y. Rubner, C. Tomasi, L. Guibas, The earth mover's distance as a metric for image retrieval, IJCV 2000.
+    """
+    a, b = np.cumsum(first) / max(first.sum(), 1), np.cumsum(second) / max(second.sum(), 1)
+    return float(np.abs(a - b).sum())
+
+
+def fit_linear(
+    design: Floats, values: Floats, scale_floor: float, iterations: int = 12
+) -> tuple[Floats, Floats, Floats]:
+    """Fit `values = design @ coefficients` by iteratively reweighted least squares with Tukey's biweight.
+
+    Parameters
+    ----------
+    design : float64 (N, K)
+    values : float64 (N,)
+    scale_floor : float
+        Smallest robust standard deviation assumed of the residuals, in units of `values`.
+    iterations : int
+        Number of reweightings; the first uses Huber weights, which need no good start.
+
+    Returns
+    -------
+    coefficients : float64 (K,)
+    covariance : float64 (K, K)
+    weights : float64 (N,)
+        0 to 1.
+
+    References
+    ----------
+    P. J. Huber, Robust Statistics, 1981; A. E. Beaton and J. W. Tukey, Technometrics 1974.
+    """
+    weights = np.ones(len(values))
+    coefficients = np.zeros(design.shape[1])
+    for step in range(iterations):
+        weighted = design * weights[:, None]
+        coefficients = np.linalg.lstsq(weighted.T @ design, weighted.T @ values, rcond=None)[0]
+        residual = values - design @ coefficients
+        scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), scale_floor)
+        relative = np.abs(residual) / scale
+        if step < iterations // 3:
+            weights = np.minimum(1.0, 1.345 / np.maximum(relative, 1e-12))
+        else:
+            weights = np.clip(1 - (relative / 4.685) ** 2, 0, None) ** 2
+    residual = values - design @ coefficients
+    freedom = max(float(weights.sum()) - design.shape[1], 1.0)
+    variance = float((weights * residual**2).sum()) / freedom
+    covariance = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
+    return coefficients, covariance, weights
+
+
+def fit_gain_offset(source: Floats, target: Floats, clip: float) -> tuple[float, float, float]:
+    """Fit `target = gain * source + offset` to two quantile functions.
+
+    Parameters
+    ----------
+    source, target : float64 (N,)
+        Quantiles at the same probabilities, in levels.
+    clip : float
+        Full scale in levels; quantiles within 1.5 % of 0 or of full scale carry no gain and are left out.
+
+    Returns
+    -------
+    gain, offset, gain_sigma : float
+        Identity with sigma 1 where fewer than 5 quantiles remain or the source has no spread.
+    """
+    margin = 0.015 * clip
+    use = (source > margin) & (target > margin) & (source < clip - margin) & (target < clip - margin)
+    if np.count_nonzero(use) < 5 or float(np.ptp(source[use])) < 0.01 * clip:
+        return 1.0, 0.0, 1.0
+    design = np.stack([source[use], np.ones(int(use.sum()))], axis=1)
+    coefficients, covariance, _ = fit_linear(design, target[use], 0.001 * clip)
+    return float(coefficients[0]), float(coefficients[1]), float(np.sqrt(max(covariance[0, 0], 0.0)))
+
+
+def entropy_bits(counts: Floats) -> float:
+    """Return the Shannon entropy of a histogram in bits."""
+    share = counts[counts > 0] / max(float(counts.sum()), 1.0)
+    return float(-(share * np.log2(share)).sum()) + 0.0
+
+
+def tabulate(function: Callable[[Floats], Floats], levels: int) -> Floats:
+    """Return the table of an intensity function over all levels, clipped to the range of the dtype."""
+    return np.clip(function(np.arange(levels, dtype=np.float64)), 0, levels - 1)
