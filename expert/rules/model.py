@@ -2,8 +2,8 @@
 
 Semantics, in one place:
 
-- A top-level positive condition binds an *alias* (`as`, by default the template's name) to one fact. Conditions with the
-  same alias speak of the same fact. A rule fires once for every way to bind its aliases: its *bindings*.
+- A top-level positive condition binds an *alias* (`as`, by default the template's name) to one fact. Conditions with
+  the same alias speak of the same fact. A rule fires once for every way to bind its aliases: its *bindings*.
 - An operand may name a field of another alias, `{field: other.mean_dn}`: a join.
 - `not`, `any_of`, `exists` and `for_all` are tests on those bindings. An alias that is not bound outside them is
   existential inside them.

@@ -1,0 +1,200 @@
+"""The Python API: one class that decides about pairs and reconstructs them."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import platform
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Literal
+
+from expert.decision import Decision, Status
+from expert.engine import make_engine
+from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, Task, to_fact, vocabulary
+from expert.pair import StereoPair
+from expert.plan import Directives
+from expert.result import Result
+from expert.rules.load import load_rules
+from expert.supervise import Knowledge, Run, StepFailed
+from modules.catalog import operators, probes
+from modules.measurement.sample import Sample
+from modules.types import Matching, Mount, Scene, Views
+
+Profile = Literal["fast", "balanced", "best"]
+OPTIONAL_PACKAGES = ("numba",)
+
+
+class ExpertSystem:
+    """A stereo expert: shipped knowledge, rule files layered on top, an engine.
+
+    One object serves any number of pairs, one after another or from several threads; nothing of a pair is kept.
+
+    Parameters
+    ----------
+    rules : sequence of path, optional
+        Rule files layered on the shipped rules, later ones last.
+    profile : {"fast", "balanced", "best"}
+        A fact that rules read.
+    engine : {"experta", "compiled"}
+        The two agree on every decision.
+    time_budget_s, memory_budget_mb : float, optional
+        Facts that rules read.
+
+    Raises
+    ------
+    expert.rules.problem.RuleFileError
+        A rule file is wrong; all problems are listed with their positions.
+
+    Examples
+    --------
+    >>> from expert import ExpertSystem
+    >>> ExpertSystem(engine="compiled").profile
+    'balanced'
+    """
+
+    def __init__(
+        self,
+        rules: Sequence[str | Path] = (),
+        profile: Profile = "balanced",
+        engine: Literal["experta", "compiled"] = "experta",
+        *,
+        time_budget_s: float | None = None,
+        memory_budget_mb: float | None = None,
+    ) -> None:
+        self.profile = profile
+        self._task = Task(profile=profile, time_budget_s=time_budget_s, memory_budget_mb=memory_budget_mb)
+        words = vocabulary(probes().values())
+        loaded = load_rules([Path(path) for path in rules], words, operators(), probes())
+        self._knowledge = Knowledge(loaded, make_engine(engine, words), operators(), probes())
+
+    def decide(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Decision:
+        """Measure the pair and plan every stage, without dense matching.
+
+        Parameters
+        ----------
+        pair : StereoPair
+        progress : callable, optional
+            Called with the name of what begins.
+
+        Returns
+        -------
+        Decision
+            With status `decided`, or `failed` where a critical finding forbids a reconstruction.
+        """
+        run = self._begin(pair, progress)
+        for stage in ("correction", "matching", "reconstruction"):
+            run.plan(stage)  # type: ignore[arg-type]
+        return self._decision(pair, run, "failed" if run.critical() else "decided")
+
+    def reconstruct(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Result:
+        """Run the whole loop on a pair.
+
+        Bad scenes do not raise: the decision's status is `failed` and its findings say why.
+        """
+        run = self._begin(pair, progress)
+        if run.critical():
+            return Result(self._decision(pair, run, "failed"), pair.views)
+        corrector = _Corrector(run, pair.views)
+        matching: Matching | None = run.run_stage("matching", "disparity", lambda d: Matching(corrector.corrected(d)))
+        if matching is None or matching.disparity is None or run.critical():
+            disparity = matching.disparity if matching else None
+            return Result(self._decision(pair, run, "failed"), corrector.views, disparity)
+        scene = Scene(
+            disparity=matching.disparity,
+            left=pair.left,
+            calibration=pair.calibration,
+            attitude=pair.attitude,
+            mount=pair.mount or Mount(),
+        )
+        final: Scene | None = run.run_stage("reconstruction", "terrain", lambda _: scene)
+        status: Status = "disparity_only" if pair.calibration is None else "reconstructed"
+        if run.critical() or (pair.calibration is not None and (final is None or final.elevation is None)):
+            status = "failed"
+        points, elevation = (final.points, final.elevation) if final else (None, None)
+        decision = self._decision(pair, run, status)
+        return Result(decision, matching.views, matching.disparity, points, elevation)
+
+    def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None) -> Run:
+        facts: dict[Fact, str | None] = {to_fact(model): None for model in self._stated(pair)}
+        run = Run(self._knowledge, Sample(pair.views, pair.given_range), facts)
+        if progress is not None:
+            run.progress = progress
+        run.decide_measurement()
+        return run
+
+    def _stated(self, pair: StereoPair) -> list[FactModel]:
+        camera, attitude = pair.calibration, pair.attitude
+        rig = Rig(calibrated=camera is not None)
+        if camera is not None:
+            rig = Rig(calibrated=True, focal_px=camera.focal_px, baseline_m=camera.baseline_m, doffs_px=camera.doffs_px)
+        known = MeasuredAttitude(known=attitude is not None)
+        if attitude is not None:
+            degrees = 57.29577951308232
+            known = MeasuredAttitude(
+                known=True, roll_deg=attitude.roll_rad * degrees, pitch_deg=attitude.pitch_rad * degrees
+            )
+        task = self._task.model_copy(update={"range_given": pair.disparity_range_px is not None})
+        installed = [
+            Available(package=name, installed=importlib.util.find_spec(name) is not None) for name in OPTIONAL_PACKAGES
+        ]
+        return [task, rig, known, *installed]
+
+    def _decision(self, pair: StereoPair, run: Run, status: Status) -> Decision:
+        return Decision(
+            pair=pair.name,
+            status=status,
+            profile=self.profile,
+            rules_digest=self._knowledge.rules.digest,
+            inputs_digest=_digest(pair),
+            facts=run.fact_records(),
+            firings=run.firing_records(),
+            findings=run.findings(),
+            plans={plan.stage: plan for plan in run.plans.values()},
+            trials=tuple(run.trials),
+            notes=tuple(run.notes),
+            engine=self._knowledge.engine.name,
+            versions=_versions(),
+            timings_s={name: round(seconds, 6) for name, seconds in run.timings_s.items()},
+        )
+
+
+class _Corrector:
+    """Corrects a pair as the directives ask, and again only when the plan of the correction changes."""
+
+    def __init__(self, run: Run, original: Views) -> None:
+        self._run, self._original = run, original
+        self._done: dict[Any, Views] = {}
+        self.views = original
+
+    def corrected(self, directives: Directives) -> Views:
+        plan = self._run.plan("correction", directives)
+        key = plan.configuration()
+        if key not in self._done:
+            try:
+                self._done[key] = self._run.execute(plan, self._original)
+            except StepFailed as error:
+                self._run.notes.append(f"{error}; the pair was matched uncorrected")
+                self._done[key] = self._original
+        self.views = self._done[key]
+        return self.views
+
+
+def _digest(pair: StereoPair) -> str:
+    digest = hashlib.sha256()
+    for image in (pair.left, pair.right):
+        digest.update(f"{image.shape}{image.dtype}".encode())
+        digest.update(image.tobytes())
+    digest.update(repr((pair.disparity_range_px, pair.calibration, pair.attitude)).encode())
+    return digest.hexdigest()
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in ("terrex", "experta", "numpy", "opencv-python-headless", "numba"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found

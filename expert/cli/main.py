@@ -1,0 +1,174 @@
+"""`terrex`: run, decide, simulate and the rule tools.
+
+Exit codes: 0 done; 1 done, with findings that the caller must act on; 2 wrong usage or unreadable input.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+
+Left = Annotated[Path, typer.Argument(help="Left image")]
+Right = Annotated[Path, typer.Argument(help="Right image")]
+CalibrationOption = Annotated[Path | None, typer.Option("--calibration", help="Middlebury calib.txt or terrex YAML")]
+AttitudeOption = Annotated[Path | None, typer.Option("--attitude", help="YAML with roll_deg, pitch_deg, yaw_deg")]
+Degrees = Annotated[float | None, typer.Option(help="degrees, REP 103: positive pitch lowers the nose")]
+RulesOption = Annotated[list[Path] | None, typer.Option("--rules", help="Rule file layered on the shipped rules")]
+RangeOption = Annotated[
+    tuple[int, int] | None, typer.Option("--disparity-range", metavar="MIN MAX", help="px; estimated if not given")
+]
+
+
+class Profile(str, Enum):
+    """Trade of accuracy against time."""
+
+    fast = "fast"
+    balanced = "balanced"
+    best = "best"
+
+
+class EngineName(str, Enum):
+    """Inference engine."""
+
+    experta = "experta"
+    compiled = "compiled"
+
+
+class UsageError(Exception):
+    """Wrong usage; exit code 2."""
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None] | None]:
+    """Show what runs on a terminal; stay quiet in a pipe."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("starting") as status:
+        yield status.update
+
+
+def _pair(left, right, calibration, attitude, angles, disparity_range):  # type: ignore[no-untyped-def]
+    from expert.pair import StereoPair
+    from modules.formats.attitude import check_attitude
+    from modules.types import Attitude
+
+    stated: Attitude | None = None
+    if any(angle is not None for angle in angles):
+        if attitude is not None:
+            raise UsageError("give --attitude FILE or --roll --pitch --yaw, not both")
+        roll, pitch, yaw = (math.radians(angle or 0.0) for angle in angles)
+        stated = check_attitude(Attitude(roll, pitch, yaw), "the command line")
+    return StereoPair.load(
+        left,
+        right,
+        calibration=calibration,
+        attitude=attitude or stated,
+        disparity_range_px=disparity_range,
+    )
+
+
+def _system(rules, profile, engine):  # type: ignore[no-untyped-def]
+    from expert.api import ExpertSystem
+
+    return ExpertSystem(rules=rules or [], profile=profile.value, engine=engine.value)
+
+
+@app.command()
+def run(
+    left: Left,
+    right: Right,
+    calibration: CalibrationOption = None,
+    attitude: AttitudeOption = None,
+    roll: Degrees = None,
+    pitch: Degrees = None,
+    yaw: Degrees = None,
+    rules: RulesOption = None,
+    disparity_range: RangeOption = None,
+    profile: Profile = Profile.balanced,
+    engine: EngineName = EngineName.experta,
+    out: Annotated[Path, typer.Option(help="Folder for the products; appears whole or not at all")] = Path(
+        "terrex-out"
+    ),
+) -> None:
+    """Reconstruct a stereo pair and write all products and the report."""
+    from modules.formats.atomic import check_writable
+
+    check_writable(out)
+    pair = _pair(left, right, calibration, attitude, (roll, pitch, yaw), disparity_range)
+    system = _system(rules, profile, engine)
+    with _progress() as progress:
+        result = system.reconstruct(pair, progress=progress)
+    result.save(out)
+    typer.echo(result.decision.text(), nl=False)
+    typer.echo(f"\nwritten to {out}")
+    if not result.reconstructed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def decide(
+    left: Left,
+    right: Right,
+    calibration: CalibrationOption = None,
+    attitude: AttitudeOption = None,
+    roll: Degrees = None,
+    pitch: Degrees = None,
+    yaw: Degrees = None,
+    rules: RulesOption = None,
+    disparity_range: RangeOption = None,
+    profile: Profile = Profile.balanced,
+    engine: EngineName = EngineName.experta,
+    json: Annotated[bool, typer.Option("--json", help="Print the whole record")] = False,
+) -> None:
+    """Measure a pair and print what would be done and why; nothing is matched."""
+    pair = _pair(left, right, calibration, attitude, (roll, pitch, yaw), disparity_range)
+    system = _system(rules, profile, engine)
+    with _progress() as progress:
+        decision = system.decide(pair, progress=progress)
+    typer.echo(decision.to_json() if json else decision.text(), nl=False)
+    if decision.status == "failed":
+        raise typer.Exit(1)
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option(help="Folder for the pair and its truth")],
+    seed: Annotated[int, typer.Option(help="The same seed gives the same pair")] = 0,
+    roll: Annotated[float, typer.Option(help="degrees")] = 0.0,
+    pitch: Annotated[float, typer.Option(help="degrees, positive lowers the nose")] = 0.0,
+    yaw: Annotated[float, typer.Option(help="degrees")] = 0.0,
+    distortion: Annotated[str, typer.Option(help="Reference distortion of the right camera")] = "clean",
+) -> None:
+    """Render a rough-terrain pair with its exact truth."""
+    from expert.simulate import write_simulation
+
+    write_simulation(out, seed=seed, attitude_deg=(roll, pitch, yaw), distortion=distortion)
+    typer.echo(f"written to {out}")
+
+
+def main() -> None:
+    """Run the command line; faults of the input end with exit code 2 and a sentence."""
+    from expert.cli.rules import app as rules_app
+    from expert.pair import PairError
+    from expert.rules.problem import RuleFileError
+    from modules.formats import FormatError
+
+    if not any(group.name == "rules" for group in app.registered_groups):
+        app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")
+    try:
+        app()
+    except (FormatError, PairError, RuleFileError, UsageError) as error:
+        typer.echo(str(error), err=True)
+        sys.exit(2)

@@ -1,0 +1,145 @@
+"""Renderings of a decision record: terminal text and Markdown. Runs nothing and measures nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from expert.decision import Decision, FactRecord, FiringRecord
+from expert.plan import Step
+from modules.catalog import operators, probes
+
+_VERDICTS = {
+    "decided": "A plan was made; nothing was matched yet.",
+    "reconstructed": "The pair was reconstructed to terrain.",
+    "disparity_only": "The disparity was computed. For 3D points, give a calibration (--calibration FILE).",
+    "failed": "The pair could not be reconstructed.",
+}
+
+
+def _number(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _units(record: FactRecord) -> dict[str, str]:
+    for probe in probes().values():
+        for model in probe.templates:
+            if model.template == record.template:
+                return {
+                    name: str(info.json_schema_extra.get("unit", "1"))
+                    for name, info in model.model_fields.items()
+                    if isinstance(info.json_schema_extra, dict)
+                }
+    return {}
+
+
+def fact_text(record: FactRecord) -> str:
+    """Write a fact as `template: field value unit, ...`."""
+    units = _units(record)
+    parts = []
+    for name, value in record.fields.items():
+        unit = units.get(name, "1")
+        parts.append(f"{name} {_number(value)}" + (f" {unit}" if unit != "1" else ""))
+    return f"{record.template}: {', '.join(parts)}"
+
+
+def _parameters(step: Step) -> str:
+    named = [f"{name}={_number(value)}" for name, value in sorted(step.parameters.items()) if name in step.set_by]
+    return f" ({', '.join(named)})" if named else ""
+
+
+def _firings_of(decision: Decision, rule: str) -> list[FiringRecord]:
+    return [firing for firing in decision.firings if firing.rule == rule]
+
+
+def _why(decision: Decision, step: Step) -> str:
+    if step.chosen_by is None:
+        return "the default of its slot; no rule chose another"
+    firings = _firings_of(decision, step.chosen_by)
+    if firings:
+        return f"{step.chosen_by} {firings[0].name}: {firings[0].because}"
+    return f"{step.chosen_by}, asked for after an earlier trial"
+
+
+def verdict(decision: Decision) -> str:
+    """Say in at most three sentences what was wrong, what was done and what to trust."""
+    wrong = [finding.sentence for finding in decision.findings if finding.severity != "minor"]
+    sentences = [_VERDICTS[decision.status]]
+    sentences.append("Found: " + "; ".join(wrong) + "." if wrong else "Nothing unusual was found in the pair.")
+    corrected = [step.operator for step in decision.plans["correction"].steps] if "correction" in decision.plans else []
+    corrected = [name for name in corrected if name != "none"]
+    sentences.append("Corrected by: " + ", ".join(corrected) + "." if corrected else "No correction was needed.")
+    return " ".join(sentences)
+
+
+def _matter(decision: Decision) -> list[FactRecord]:
+    """Return the facts that rules fired on, each once."""
+    found: list[FactRecord] = []
+    for firing in decision.firings:
+        for record in firing.bindings.values():
+            if record not in found and record.template not in ("finding", "planned", "trial"):
+                found.append(record)
+    return found
+
+
+def _steps(decision: Decision) -> Iterator[str]:
+    catalog = operators()
+    for stage, plan in decision.plans.items():
+        for step in plan.steps:
+            if step.operator == "none" and not step.losers:
+                continue
+            summary = catalog[step.operator].summary if step.operator in catalog else "nothing is done in this slot"
+            yield f"{stage}.{step.slot}: {step.operator}{_parameters(step)} - {summary}"
+            yield f"    because {_why(decision, step)}"
+            for loser in step.losers:
+                if loser.rule is not None:
+                    yield f"    rather than {loser.operator} ({loser.rule}): {loser.lost_because}"
+
+
+def _trials(decision: Decision) -> Iterator[str]:
+    for trial in decision.trials:
+        score = "no score" if trial.score is None else f"score {trial.score:.3f}"
+        kept = ", kept" if trial.kept else ""
+        outcome = trial.failure or trial.answer
+        yield f"{trial.stage} trial {trial.number}: {score}{kept}; {outcome}"
+
+
+def _sections(decision: Decision) -> Iterator[tuple[str, list[str]]]:
+    yield "Findings", [f"{f.severity}: {f.sentence} ({', '.join(f.rules)})" for f in decision.findings]
+    yield "What was done, and why", list(_steps(decision))
+    yield "Facts that mattered", [fact_text(record) for record in _matter(decision)]
+    fired = {(firing.rule, firing.name, firing.stage) for firing in decision.firings}
+    yield "Rules that fired", [f"{rule} {name} ({stage})" for rule, name, stage in sorted(fired)]
+    yield "Trials", list(_trials(decision))
+    yield "Notes", list(decision.notes)
+
+
+def as_text(decision: Decision) -> str:
+    """Return the explanation as plain text."""
+    lines = [f"{decision.pair}: {verdict(decision)}"]
+    for title, items in _sections(decision):
+        if items:
+            lines += ["", title, *(f"  {item}" for item in items)]
+    return "\n".join(lines) + "\n"
+
+
+def _escape(text: str) -> str:
+    for character in "\\`*_<>[]|#":
+        text = text.replace(character, "\\" + character)
+    return text.replace("\n", " ")
+
+
+def as_markdown(decision: Decision) -> str:
+    """Return the report as Markdown; texts from files appear as text, never as markup."""
+    lines = [f"# {_escape(decision.pair)}", "", _escape(verdict(decision)), ""]
+    for title, items in _sections(decision):
+        if items:
+            lines += [f"## {title}", ""]
+            lines += [("  - " if item.startswith("    ") else "- ") + _escape(item.strip()) for item in items] + [""]
+    lines += ["## All facts", "", "| fact | measured by |", "|---|---|"]
+    lines += [f"| {_escape(fact_text(fact))} | {_escape(fact.probe or 'stated')} |" for fact in decision.facts]
+    lines += ["", "## Record", "", f"- decision {decision.id}, rules {decision.rules_digest[:16]}"]
+    lines += [f"- {_escape(name)} {_escape(number)}" for name, number in decision.versions.items()]
+    lines += ["", "## Time", "", "| what | s |", "|---|---|"]
+    spent = sorted(decision.timings_s.items(), key=lambda item: -item[1])
+    lines += [f"| {_escape(name)} | {seconds:.3f} |" for name, seconds in spent]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,103 @@
+"""What a reconstruction returns, and how it is written: whole, or not at all."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expert.decision import Decision
+from expert.report import as_markdown
+from modules.formats.atomic import whole_folder
+from modules.formats.disparity import write_disparity_png, write_pfm, write_validity_png
+from modules.formats.elevation import write_geotiff, write_hillshade_png
+from modules.formats.images import write_image
+from modules.formats.points import write_ply
+from modules.types import Disparity, ElevationMap, FloatImage, Invalid, PointCloud, Views
+
+
+@dataclass(frozen=True)
+class Result:
+    """Products of one pair.
+
+    Attributes
+    ----------
+    decision : Decision
+        What was decided, and why.
+    views : Views
+        The corrected images and their masks.
+    disparity : Disparity or None
+        None where matching gave nothing.
+    points : PointCloud or None
+        In the level frame; None without a calibration.
+    elevation : ElevationMap or None
+    """
+
+    decision: Decision
+    views: Views
+    disparity: Disparity | None = None
+    points: PointCloud | None = None
+    elevation: ElevationMap | None = None
+
+    @property
+    def disparity_px(self) -> FloatImage:
+        """Disparity of the left image, float32 (H, W), px, NaN where invalid."""
+        if self.disparity is None:
+            return np.full(self.views.shape, np.nan, np.float32)
+        return self.disparity.disparity_px
+
+    @property
+    def validity(self) -> NDArray[np.uint16]:
+        """`Invalid` flags that say why a pixel has no disparity, uint16 (H, W)."""
+        if self.disparity is None:
+            return np.full(self.views.shape, int(Invalid.NO_MATCH), np.uint16)
+        return self.disparity.validity
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """Wall time in seconds by probe, operator and inference."""
+        return self.decision.timings_s
+
+    @property
+    def reconstructed(self) -> bool:
+        """Whether the pair gave what it could give: terrain, or the disparity where there is no calibration."""
+        return self.decision.status in ("reconstructed", "disparity_only")
+
+    def save(self, out: str | Path) -> dict[str, float]:
+        """Write all products into the folder `out`, which appears whole or not at all; return seconds by file.
+
+        Raises
+        ------
+        modules.formats.FormatError
+            The folder cannot be written, or holds files of another origin.
+        """
+        spent: dict[str, float] = {}
+        with whole_folder(Path(out)) as folder:
+            for name, write in self._writers().items():
+                start = time.perf_counter()
+                write(folder / name)
+                spent[name] = time.perf_counter() - start
+        return spent
+
+    def _writers(self):  # type: ignore[no-untyped-def]
+        decision = self.decision
+        writers = {
+            "decision.json": lambda path: path.write_text(decision.to_json(), encoding="utf-8"),
+            "report.md": lambda path: path.write_text(as_markdown(decision), encoding="utf-8"),
+            "left_corrected.png": lambda path: write_image(path, self.views.left),
+            "right_corrected.png": lambda path: write_image(path, self.views.right),
+            "validity.png": lambda path: write_validity_png(path, self.validity),
+        }
+        disparity, points, elevation = self.disparity, self.points, self.elevation
+        if disparity is not None:
+            writers["disparity.pfm"] = lambda path: write_pfm(path, disparity.disparity_px)
+            writers["disparity.png"] = lambda path: write_disparity_png(path, disparity.disparity_px)
+        if points is not None:
+            writers["points.ply"] = lambda path: write_ply(path, points)
+        if elevation is not None:
+            writers["elevation.tif"] = lambda path: write_geotiff(path, elevation)
+            writers["elevation.png"] = lambda path: write_hillshade_png(path, elevation)
+        return writers

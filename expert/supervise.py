@@ -1,0 +1,350 @@
+"""The loop: measure, decide, run, assess, repair.
+
+Data flows one way; the loop goes round by asserting facts about products. Every choice comes from rules; this module
+only bounds the number of trials and keeps the best one.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord, fact_record
+from expert.facts import SEVERITIES, Fact, Failure, Planned, to_fact
+from expert.facts import Trial as TrialFact
+from expert.firing import Engine, Firings
+from expert.plan import NONE, Candidate, Directives, StagePlan, adjustments, proposals, settle
+from expert.rules.load import LoadedRules
+from expert.rules.model import STAGES, Assess, Derive, Measure, Repair, Rule, Stage
+from modules.measurement.sample import Sample
+from modules.operator import Operator, OperatorError
+from modules.probe import FactModel, Probe, Subject
+
+log = logging.getLogger(__name__)
+
+MAX_TRIALS = 5  # per stage; the rules ask for fewer, by profile
+MAX_MEASURING_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What every pair is decided with."""
+
+    rules: LoadedRules
+    engine: Engine
+    operators: Mapping[str, Operator]
+    probes: Mapping[str, Probe]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One trial that gave a product."""
+
+    number: int
+    plan: StagePlan
+    product: Any
+    found: Mapping[Fact, str | None]  # facts about the product, and their probes
+    assessed: Firings
+    earlier: Mapping[Stage, tuple[Firings, StagePlan]]  # what the stages before had concluded and run
+
+    @property
+    def score(self) -> float | None:
+        """The no-reference score of the product, where a probe gives one."""
+        return next((float(value) for fact in self.found if (value := fact.get("score")) is not None), None)
+
+
+class StepFailed(Exception):
+    """An operator of a plan could not do its work."""
+
+    def __init__(self, operator: str, reason: str) -> None:
+        super().__init__(f"{operator}: {reason}")
+        self.operator = operator
+
+
+@dataclass
+class Run:
+    """The state of one pair on its way through the loop; made for it and dropped after it."""
+
+    knowledge: Knowledge
+    sample: Sample
+    facts: dict[Fact, str | None]  # facts about the pair and the task, and the probe of each
+    progress: Callable[[str], None] = field(default=lambda _: None)
+    measured: set[str] = field(default_factory=set)
+    concluded: dict[Stage, Firings] = field(default_factory=dict)
+    plans: dict[Stage, StagePlan] = field(default_factory=dict)
+    product_facts: dict[Stage, Mapping[Fact, str | None]] = field(default_factory=dict)
+    trials: list[TrialRecord] = field(default_factory=list)
+    timings_s: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    # Measuring
+
+    @contextmanager
+    def timed(self, what: str) -> Iterator[None]:
+        """Add the time spent inside to `timings_s[what]`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.timings_s[what] = self.timings_s.get(what, 0.0) + time.perf_counter() - start
+
+    def measure(self, probe: Probe) -> None:
+        """Run one probe of the pair and add its facts; a probe that cannot measure adds none and is noted."""
+        self.measured.add(probe.name)
+        with self.timed(probe.name):
+            try:
+                models = probe.function(self.sample)
+            except OperatorError as error:
+                self.notes.append(f"{probe.name} could not measure: {error}")
+                return
+        self.facts.update({to_fact(model): probe.name for model in models})
+
+    def measure_cheap(self) -> None:
+        """Run the probes that every pair gets."""
+        self.progress("measuring")
+        for probe in self.knowledge.probes.values():
+            if probe.subject == "pair" and probe.tier == "cheap":
+                self.measure(probe)
+
+    def _measure_product(self, subject: Subject | None, product: Any) -> dict[Fact, str | None]:
+        found: dict[Fact, str | None] = {}
+        for probe in self.knowledge.probes.values():
+            if probe.subject == subject:
+                with self.timed(probe.name):
+                    models: Sequence[FactModel] = probe.function(product)
+                found.update({to_fact(model): probe.name for model in models})
+        return found
+
+    # Inference
+
+    def known(self, stage: Stage) -> dict[Fact, str | None]:
+        """Return the facts a stage starts from: the pair's, and what the stages before it found, ran and produced."""
+        facts = dict(self.facts)
+        for earlier in STAGES[: STAGES.index(stage)]:
+            if earlier in self.concluded:
+                facts.update({fact: None for fact in self.concluded[earlier].facts if fact.template == "finding"})
+            facts.update(self.product_facts.get(earlier, {}))
+            if earlier in self.plans:
+                facts.update({to_fact(model): None for model in _planned(self.plans[earlier])})
+        return facts
+
+    def infer(self, stage: Stage, extra: Mapping[Fact, str | None] | None = None) -> Firings:
+        """Infer one stage; measure what its rules ask for and infer again until nothing more is asked."""
+        base = self.knowledge.rules.base
+        for _ in range(MAX_MEASURING_ROUNDS):
+            with self.timed("inference"):
+                result = self.knowledge.engine.infer(base, stage, [*self.known(stage), *(extra or ())])
+            asked = self._asked_probes(result) - self.measured
+            if not asked:
+                break
+            for name in sorted(asked):
+                self.measure(self.knowledge.probes[name])
+        return result
+
+    def _asked_probes(self, result: Firings) -> set[str]:
+        actions = [self._rules[firing.rule].then[item.index] for firing in result.firings for item in firing.actions]
+        return {action.measure for action in actions if isinstance(action, Measure)}
+
+    @property
+    def _rules(self) -> dict[str, Rule]:
+        return {rule.id: rule for rule in self.knowledge.rules.base.rules}
+
+    def decide_measurement(self) -> None:
+        """Measure the pair and infer what it means."""
+        self.measure_cheap()
+        self.concluded["measurement"] = self.infer("measurement")
+
+    # Planning and running
+
+    def plan(self, stage: Stage, directives: Directives | None = None) -> StagePlan:
+        """Infer and settle one stage without running anything."""
+        result = self.infer(stage, {to_fact(TrialFact(number=1)): None})
+        plan = self._settle(stage, result, directives or Directives())
+        self.concluded[stage], self.plans[stage] = result, plan
+        return plan
+
+    def _settle(
+        self, stage: Stage, result: Firings, directives: Directives, failed: frozenset[str] = frozenset()
+    ) -> StagePlan:
+        with self.timed("inference"):
+            return settle(
+                self.knowledge.rules.base, stage, result.firings, self.knowledge.operators, directives, failed
+            )
+
+    def execute(self, plan: StagePlan, state: Any) -> Any:
+        """Run the steps of a plan on the state of its stage.
+
+        Raises
+        ------
+        StepFailed
+            An operator could not do its work.
+        """
+        for step in plan.steps:
+            if step.operator == NONE:
+                continue
+            operator = self.knowledge.operators[step.operator]
+            self.progress(step.operator)
+            with self.timed(step.operator):
+                try:
+                    state = operator.function(state, operator.params(**step.parameters))
+                except OperatorError as error:
+                    raise StepFailed(step.operator, str(error)) from error
+        return state
+
+    def run_stage(self, stage: Stage, subject: Subject | None, start: Callable[[Directives], Any]) -> Any:
+        """Run one stage until its product is accepted or the trials are used up; return the best product, or None.
+
+        Parameters
+        ----------
+        stage : str
+        subject : str or None
+            Subject of the probes that measure the product.
+        start : callable
+            From directives to the state that the stage starts with; it runs earlier stages again where the directives
+            ask for that.
+        """
+        earlier = STAGES[: STAGES.index(stage)]
+        directives, failed = Directives(), frozenset[str]()
+        tried: set[Any] = set()
+        attempts: list[Attempt] = []
+        for number in range(1, MAX_TRIALS + 1):
+            state = start(directives)
+            extra: dict[Fact, str | None] = {to_fact(TrialFact(number=number)): None}
+            extra |= {to_fact(Failure(operator=name, stage=stage)): None for name in sorted(failed)}
+            result = self.infer(stage, extra)
+            plan = self._settle(stage, result, directives, failed)
+            configuration = (*(self.plans[s].configuration() for s in earlier if s in self.plans), plan.configuration())
+            if configuration in tried:
+                break
+            tried.add(configuration)
+            try:
+                product = self.execute(plan, state)
+            except StepFailed as error:
+                self.trials.append(
+                    TrialRecord(stage=stage, number=number, plan=plan, failure=str(error), answer="failed")
+                )
+                failed |= {error.operator}
+                self.concluded[stage] = result
+                continue
+            found = self._measure_product(subject, product)
+            assessed = self.infer(stage, {**extra, **found})
+            before = {name: (self.concluded[name], self.plans[name]) for name in earlier if name in self.plans}
+            attempt = Attempt(number, plan, product, found, assessed, before)
+            attempts.append(attempt)
+            extended = self._extend(directives, attempt.assessed)
+            self.trials.append(_trial_record(stage, attempt, _asks(extended, directives)))
+            if extended == directives:
+                break
+            directives = extended
+        return self._keep(stage, attempts)
+
+    def _keep(self, stage: Stage, attempts: list[Attempt]) -> Any:
+        if not attempts:
+            return None
+        best = max(attempts, key=lambda attempt: (attempt.score or 0.0, -attempt.number))
+        self.trials = [
+            record.model_copy(update={"kept": True})
+            if (record.stage, record.number) == (stage, best.number)
+            else record
+            for record in self.trials
+        ]
+        for name, (concluded, plan) in best.earlier.items():
+            self.concluded[name], self.plans[name] = concluded, plan
+        self.concluded[stage], self.plans[stage], self.product_facts[stage] = best.assessed, best.plan, best.found
+        return best.product
+
+    def _extend(self, directives: Directives, assessed: Firings) -> Directives:
+        found = proposals(self._rules, assessed.firings, self.knowledge.operators, (Repair,))
+        merged: dict[str, tuple[Candidate, ...]] = dict(directives.candidates)
+        for slot, candidates in found.items():
+            known = merged.get(slot, ())
+            merged[slot] = known + tuple(candidate for candidate in candidates if candidate not in known)
+        steps = adjustments(self._rules, assessed.firings)
+        return Directives(candidates=merged, adjustments=directives.adjustments + steps)
+
+    # The record
+
+    def findings(self) -> tuple[FindingRecord, ...]:
+        """Return the findings, the most severe first."""
+        sources: dict[tuple[str, str], list[tuple[Stage, str]]] = {}
+        for stage, result in self.concluded.items():
+            for firing in result.firings:
+                for action in self._rules[firing.rule].then:
+                    if isinstance(action, Derive | Assess):
+                        name = action.derive if isinstance(action, Derive) else action.assess
+                        sources.setdefault((name, action.severity), []).append((stage, firing.rule))
+        declared = self.knowledge.rules.base.findings
+        records = [
+            FindingRecord(
+                name=name,
+                severity=severity,
+                sentence=declared.get(name, name),
+                rules=tuple(sorted({rule for _, rule in where})),
+                stage=where[0][0],
+            )
+            for (name, severity), where in sources.items()
+        ]
+        return tuple(sorted(records, key=_finding_rank))
+
+    def critical(self) -> bool:
+        """Whether a finding says that the pair cannot be reconstructed."""
+        return any(record.severity == "critical" for record in self.findings())
+
+    def firing_records(self) -> tuple[FiringRecord, ...]:
+        """Return all firings in canonical order, by stage."""
+        probe_of = dict(self.facts)
+        for found in self.product_facts.values():
+            probe_of.update(found)
+        return tuple(
+            FiringRecord(
+                rule=firing.rule,
+                name=self._rules[firing.rule].name,
+                stage=stage,
+                bindings={alias: fact_record(fact, probe_of.get(fact)) for alias, fact in firing.bindings},
+                because=self._rules[firing.rule].because,
+            )
+            for stage in STAGES
+            if stage in self.concluded
+            for firing in self.concluded[stage].firings
+        )
+
+    def fact_records(self) -> tuple[FactRecord, ...]:
+        """Return all facts about the pair, the task and the products, in canonical order."""
+        facts = dict(self.facts)
+        for found in self.product_facts.values():
+            facts.update(found)
+        return tuple(fact_record(fact, probe) for fact, probe in sorted(facts.items(), key=lambda item: repr(item[0])))
+
+
+def _planned(plan: StagePlan) -> list[Planned]:
+    return [Planned(slot=f"{plan.stage}.{step.slot}", operator=step.operator) for step in plan.steps]
+
+
+def _finding_rank(record: FindingRecord) -> tuple[int, int, str]:
+    return -SEVERITIES.index(record.severity), STAGES.index(record.stage), record.name
+
+
+def _trial_record(stage: Stage, attempt: Attempt, answer: str) -> TrialRecord:
+    return TrialRecord(
+        stage=stage,
+        number=attempt.number,
+        plan=attempt.plan,
+        product_facts=tuple(fact_record(fact, probe) for fact, probe in sorted(attempt.found.items())),
+        score=attempt.score,
+        answer=answer or "accepted",
+    )
+
+
+def _asks(extended: Directives, before: Directives) -> str:
+    asked = [
+        f"try {candidate.operator} ({candidate.rule})"
+        for slot, candidates in extended.candidates.items()
+        for candidate in candidates[len(before.candidates.get(slot, ())) :]
+    ]
+    steps = extended.adjustments[len(before.adjustments) :]
+    asked += [f"change {step.operator} {step.parameter} ({step.rule})" for step in steps]
+    return "; ".join(asked)

@@ -1,0 +1,44 @@
+"""Every operator and probe by name: explicit mappings, extended by installed packages through entry points.
+
+A package adds its own with the entry point groups `terrex.operators` and `terrex.probes`, each naming an `Operator` or
+a `Probe`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from types import MappingProxyType
+
+import modules.correction
+import modules.matching
+import modules.measurement
+import modules.reconstruction
+from modules.measurement import disparity_quality, terrain_quality
+from modules.operator import Operator
+from modules.probe import Probe
+
+SLOTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "correction": ("align", "defects", "denoise", "radiometry", "local", "masks"),
+        "matching": ("range", "matcher", "consistency", "uniqueness", "speckles", "refine"),
+        "reconstruction": ("frame", "triangulate", "gate", "grid", "fill", "terrain"),
+    }
+)
+
+
+@cache
+def operators() -> Mapping[str, Operator]:
+    """Return the operators by name, those of installed plug-ins included."""
+    shipped = (*modules.correction.OPERATORS, *modules.matching.OPERATORS, *modules.reconstruction.OPERATORS)
+    plugged = tuple(entry.load() for entry in entry_points(group="terrex.operators"))
+    return MappingProxyType({operator.name: operator for operator in (*shipped, *plugged)})
+
+
+@cache
+def probes() -> Mapping[str, Probe]:
+    """Return the probes by name, those of installed plug-ins included."""
+    shipped = (*modules.measurement.PROBES, disparity_quality.PROBE, terrain_quality.PROBE)
+    plugged = tuple(entry.load() for entry in entry_points(group="terrex.probes"))
+    return MappingProxyType({probe.name: probe for probe in (*shipped, *plugged)})
