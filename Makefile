@@ -1,0 +1,76 @@
+# Everything needs only Python 3.10 or later, make and PyPI. The environment is made by the first target that needs it.
+
+PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python3.10; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null && echo $$p && break; done)
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+PATHS := expert modules knowledge tests examples benchmarks
+
+# The stamp carries a hash of what the environment is made of, so that a changed lock file renews it.
+HASH := $(shell cat requirements.lock pyproject.toml | cksum | cut -d ' ' -f 1)
+STAMP := $(VENV)/.terrex-$(HASH)
+
+# Run one tool; its output is shown only when it fails.
+quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; echo "$$out"; exit 1; fi
+
+.PHONY: help env demo test lint unit doctest property bench fmt lock wheel clean
+.DEFAULT_GOAL := help
+
+help:  ## Show the targets
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
+
+env: $(STAMP)  ## Create or renew the environment in .venv from requirements.lock
+
+$(STAMP): requirements.lock pyproject.toml
+	@test -n '$(PYTHON)' || { echo 'Python 3.10 or later is needed and none was found; install it or name it: make PYTHON=/path/to/python3'; exit 1; }
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV) || \
+		{ echo 'Python could not make an environment; on Debian and Ubuntu: apt install python3-venv'; exit 1; }
+	@echo 'Installing the environment into $(VENV), a few minutes the first time'
+	@$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@rm -f $(VENV)/.terrex-*
+	@touch $@
+
+demo: $(STAMP)  ## Reconstruct a real pair, the same pair degraded, and a rendered terrain; results in demo-out/
+	@$(BIN)/python examples/demo.py
+
+test: lint unit doctest  ## Run everything: formatter, linter, types, import contracts, tests, examples in docstrings
+
+lint: $(STAMP)  ## Check formatting, style, types and import contracts
+	$(call quiet,ruff format,$(BIN)/ruff format --check $(PATHS))
+	$(call quiet,ruff check,$(BIN)/ruff check $(PATHS))
+	$(call quiet,mypy,$(BIN)/mypy)
+	$(call quiet,import contracts,$(BIN)/lint-imports)
+
+unit: $(STAMP)  ## Run the unit, property and end-to-end tests
+	@$(BIN)/pytest -n $(JOBS) -rs --no-header
+
+doctest: $(STAMP)  ## Run the examples in the docstrings
+	$(call quiet,examples in docstrings,$(BIN)/pytest --doctest-modules -p no:cacheprovider expert modules)
+
+property: $(STAMP)  ## Run the property tests with many more examples, drawn anew
+	@HYPOTHESIS_PROFILE=thorough $(BIN)/pytest -n $(JOBS) --no-header -m hypothesis
+
+bench: $(STAMP)  ## Measure accuracy and the share of time of each step
+	@$(BIN)/python -m benchmarks
+
+fmt: $(STAMP)  ## Format the code and repair what the linter can
+	@$(BIN)/ruff check -q --fix $(PATHS) || true
+	@$(BIN)/ruff format -q $(PATHS)
+
+lock:  ## Resolve the newest versions that pyproject.toml allows into requirements.lock
+	@$(PYTHON) -m venv --clear build/lock
+	@build/lock/bin/python -m pip install -q --disable-pip-version-check uv
+	@build/lock/bin/uv pip compile -q --universal --python-version 3.10 --all-extras --generate-hashes --no-header \
+		--no-annotate --no-emit-index-url --upgrade pyproject.toml -o build/lock/requirements.txt
+	@{ sed -n '/^#/p;/^[^#]/q' requirements.lock; cat build/lock/requirements.txt; } > build/lock/requirements.lock
+	@mv build/lock/requirements.lock requirements.lock
+
+wheel: $(STAMP)  ## Build the wheel and the source distribution into dist/
+	$(call quiet,build,$(BIN)/python -m build --no-isolation)
+	@ls dist
+
+clean:  ## Remove the environment and everything that was built
+	rm -rf $(VENV) build dist demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
