@@ -1,0 +1,51 @@
+"""Files in and out; the only module that touches the file system."""
+
+from modules.formats.atomic import whole_folder
+from modules.formats.attitude import attitude_from_degrees, read_attitude, write_attitude
+from modules.formats.calibration import (
+    check_calibration,
+    mount_angles,
+    mount_from_angles,
+    read_calibration,
+    write_calibration,
+)
+from modules.formats.disparity import (
+    read_disparity_png,
+    read_pfm,
+    read_validity_png,
+    write_disparity_png,
+    write_disparity_view,
+    write_pfm,
+    write_validity_png,
+)
+from modules.formats.elevation import read_geotiff, write_geotiff, write_hillshade_png
+from modules.formats.errors import FormatError
+from modules.formats.images import read_image, write_image
+from modules.formats.points import read_ply, write_ply
+
+__all__ = [
+    "FormatError",
+    "attitude_from_degrees",
+    "check_calibration",
+    "mount_angles",
+    "mount_from_angles",
+    "read_attitude",
+    "read_calibration",
+    "read_disparity_png",
+    "read_geotiff",
+    "read_image",
+    "read_pfm",
+    "read_ply",
+    "read_validity_png",
+    "whole_folder",
+    "write_attitude",
+    "write_calibration",
+    "write_disparity_png",
+    "write_disparity_view",
+    "write_geotiff",
+    "write_hillshade_png",
+    "write_image",
+    "write_pfm",
+    "write_ply",
+    "write_validity_png",
+]
