@@ -142,7 +142,7 @@ class ForAll(Model):
 
 
 def _condition_kind(value: Any) -> str:
-    keys = value if isinstance(value, dict) else value.model_fields_set
+    keys = value if isinstance(value, dict) else getattr(value, "model_fields_set", ())
     for kind in ("finding", "not", "not_", "any_of", "exists", "for_all"):
         if kind in keys:
             return kind.rstrip("_")
