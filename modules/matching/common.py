@@ -1,0 +1,224 @@
+"""What the matchers share: checked inputs, 8-bit images, padding for OpenCV, and reasons for invalid pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.operator import OperatorError
+from modules.types import Disparity, DisparityRange, FloatImage, Invalid, Mask, Matching, Views
+
+Pixel = TypeVar("Pixel", bound=np.generic)
+Bytes = NDArray[np.uint8]
+ComputeFixedPoint = Callable[[Bytes, Bytes, int, int], NDArray[np.int16]]
+
+FIXED_POINT_STEPS = 16  # OpenCV's matchers return disparities as int16 in 1/16 px
+OPENCV_STEP = 16  # OpenCV wants the number of disparities to be a multiple of this
+CLIPPED_SHARE = 0.001  # share of the pixels at either end that the conversion from 16 to 8 bit may clip
+
+
+def checked_range(state: Matching, window_px: int, name: str) -> DisparityRange:
+    """Return the range to search after checking that the images can be matched with it.
+
+    Raises
+    ------
+    OperatorError
+        If there is no range, the images differ in shape, the window is larger than the image, the range is wider than
+        the image or leaves no overlap, or an image is constant.
+    """
+    left, right = state.views.left, state.views.right
+    if left.shape != right.shape or left.dtype != right.dtype:
+        raise OperatorError(
+            f"{name}: left is {left.shape} {left.dtype} and right is {right.shape} {right.dtype}; bring both to one "
+            "shape and dtype first"
+        )
+    if state.range_px is None:
+        raise OperatorError(f"{name}: no disparity range is known; run matching.use_range first")
+    rows, columns = state.views.shape
+    if window_px > min(rows, columns):
+        raise OperatorError(
+            f"{name}: the window of {window_px} px does not fit the image of {columns}x{rows} px; use a smaller window "
+            "or a larger image"
+        )
+    search = state.range_px
+    if search.count > columns or search.min_px >= columns or search.max_px <= 1 - columns:
+        raise OperatorError(
+            f"{name}: the disparity range {search.min_px} to {search.max_px} px does not fit the image width of "
+            f"{columns} px; use a narrower range that leaves the images some overlap"
+        )
+    for side, image in (("left", left), ("right", right)):
+        if image.min() == image.max():
+            raise OperatorError(
+                f"{name}: the {side} image has the one value {int(image.flat[0])} everywhere, at least 2 are needed; "
+                "take another image"
+            )
+    return search
+
+
+def to_bytes(views: Views, colour: bool) -> tuple[Bytes, Bytes]:
+    """Return both images as uint8, gray or RGB.
+
+    Parameters
+    ----------
+    views : Views
+        Images (H, W) or (H, W, 3), uint8 or uint16.
+    colour : bool
+        Keep three channels where there are three; else convert to gray with the weights of BT.601.
+
+    Returns
+    -------
+    left, right : uint8 (H, W) or (H, W, 3)
+        16-bit images are mapped by one linear map for both, so that equal values stay equal; it spans the values
+        between the lowest and highest 0.1 % of the two images together.
+    """
+    images = [
+        image if colour or image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        for image in (views.left, views.right)
+    ]
+    if images[0].dtype == np.uint8:
+        return np.asarray(images[0], np.uint8), np.asarray(images[1], np.uint8)
+    both = np.stack(images)
+    low, high = np.quantile(both, (CLIPPED_SHARE, 1.0 - CLIPPED_SHARE))
+    if high <= low:
+        low, high = float(both.min()), float(both.max())
+    scale = 255.0 / max(high - low, 1.0)
+    left, right = (np.clip(np.rint((i.astype(np.float32) - low) * scale), 0, 255).astype(np.uint8) for i in images)
+    return left, right
+
+
+def match_padded(
+    compute: ComputeFixedPoint, left: Bytes, right: Bytes, search: DisparityRange, margin_px: int
+) -> FloatImage:
+    """Run an OpenCV matcher without losing the columns and rows that it leaves out at the border.
+
+    OpenCV matches only where the whole range lies inside the right image. Both images are therefore extended by
+    replicating their border, and the result is cropped. The number of disparities is rounded up to a multiple of 16.
+
+    Parameters
+    ----------
+    compute : callable
+        `(left, right, min_disparity, count) -> int16` in 1/16 px.
+    left, right : uint8 (H, W) or (H, W, 3)
+    search : DisparityRange
+    margin_px : int
+        Further columns and rows that the matcher leaves out on each side.
+
+    Returns
+    -------
+    float32 (H, W)
+        Disparity in px, NaN where the matcher gave none; may lie outside the range by the rounding up, and matches may
+        lie outside the right image.
+    """
+    rows, columns = left.shape[:2]
+    count = -(-search.count // OPENCV_STEP) * OPENCV_STEP
+    before = max(search.min_px + count, 0) + margin_px
+    after = max(-search.min_px, 0) + margin_px
+    padded = [
+        cv2.copyMakeBorder(image, margin_px, margin_px, before, after, cv2.BORDER_REPLICATE) for image in (left, right)
+    ]
+    fixed = compute(np.asarray(padded[0], np.uint8), np.asarray(padded[1], np.uint8), search.min_px, count)
+    fixed = fixed[margin_px : margin_px + rows, before : before + columns]
+    disparity = fixed.astype(np.float32) / np.float32(FIXED_POINT_STEPS)
+    disparity[fixed < search.min_px * FIXED_POINT_STEPS] = np.nan
+    return disparity
+
+
+def match_both(
+    compute: ComputeFixedPoint, left: Bytes, right: Bytes, search: DisparityRange, margin_px: int, with_right: bool
+) -> tuple[FloatImage, FloatImage | None]:
+    """Return the disparities of the left image and, if wanted, of the right one by matching the mirrored pair."""
+    disparity = match_padded(compute, left, right, search, margin_px)
+    if not with_right:
+        return disparity, None
+    mirrored = [np.ascontiguousarray(image[:, ::-1]) for image in (right, left)]
+    right_px = match_padded(compute, mirrored[0], mirrored[1], search, margin_px)[:, ::-1]
+    return disparity, np.ascontiguousarray(right_px)
+
+
+def at_match(values: NDArray[Pixel], disparity: FloatImage) -> tuple[NDArray[Pixel], Mask]:
+    """Return `values` of the right image at the nearest pixel to each left pixel's match, and where that exists.
+
+    Parameters
+    ----------
+    values : (H, W)
+        Indexed by right row and column.
+    disparity : float32 (H, W)
+        px, NaN where there is none.
+    """
+    columns = disparity.shape[1]
+    column = np.arange(columns, dtype=np.float32) - disparity
+    known = np.isfinite(column)
+    index = np.rint(np.where(known, column, -1.0)).astype(np.int64)
+    known &= (index >= 0) & (index < columns)
+    index = np.clip(index, 0, columns - 1)
+    return np.take_along_axis(values, index, axis=1), known
+
+
+def assemble(
+    state: Matching,
+    disparity: FloatImage,
+    right_px: FloatImage | None,
+    reject_range_border: bool,
+    confidence: FloatImage | None = None,
+    reasons: NDArray[np.uint16] | None = None,
+) -> Matching:
+    """Turn raw disparities into the product: every pixel without a disparity gets its reason.
+
+    Parameters
+    ----------
+    state : Matching
+        With a range.
+    disparity : float32 (H, W)
+        Raw disparities, px, NaN where the matcher gave none.
+    right_px : float32 (H, W) or None
+        Raw disparities of the right image.
+    reject_range_border : bool
+        Reject also the pixels whose best disparity is the first or last of the range.
+    confidence : float32 (H, W) or None
+    reasons : uint16 (H, W) or None
+        Flags of pixels that the matcher itself rejects.
+    """
+    search = state.range_px
+    if search is None:
+        raise OperatorError("matching: no disparity range is known; run matching.use_range first")
+    views = state.views
+    columns = disparity.shape[1]
+    missing = ~np.isfinite(disparity)
+    flags = np.zeros(disparity.shape, np.uint16) if reasons is None else reasons.copy()
+    flags[missing & (flags == 0)] = Invalid.NO_MATCH
+    low, high = float(search.min_px), float(search.max_px - 1)
+    with np.errstate(invalid="ignore"):
+        beyond = (disparity < low - 0.5) | (disparity > high + 0.5)
+        if reject_range_border:
+            beyond |= (disparity < low + 0.5) | (disparity > high - 0.5)
+        match = np.arange(columns, dtype=np.float32) - disparity
+        outside = (match < -0.5) | (match > columns - 0.5)
+    flags[beyond] |= np.uint16(Invalid.RANGE_BORDER)
+    flags[outside] |= np.uint16(Invalid.OUTSIDE)
+    if views.left_mask is not None:
+        flags[~views.left_mask] |= np.uint16(Invalid.MASKED)
+    if views.right_mask is not None:
+        usable, known = at_match(views.right_mask, disparity)
+        flags[known & ~usable] |= np.uint16(Invalid.MASKED)
+    clean = np.where(flags == 0, np.clip(disparity, low, high), np.float32(np.nan)).astype(np.float32)
+    if right_px is not None and views.right_mask is not None:
+        right_px = np.where(views.right_mask, right_px, np.float32(np.nan)).astype(np.float32)
+    return replace(state, disparity=Disparity(clean, flags, confidence=confidence, right_px=right_px))
+
+
+def require_disparity(state: Matching, name: str) -> Disparity:
+    """Return the disparity of the state.
+
+    Raises
+    ------
+    OperatorError
+        If no matcher has run.
+    """
+    if state.disparity is None:
+        raise OperatorError(f"{name}: there is no disparity yet; run a matcher first")
+    return state.disparity

@@ -1,0 +1,66 @@
+"""Smooth the disparity by a median."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from modules.matching.common import require_disparity
+from modules.operator import Cost, Operator, OperatorError, OperatorParams
+from modules.types import Matching
+
+
+class MedianFilterParams(OperatorParams):
+    """Parameters of `median_filter`."""
+
+    size_px: int = Field(3, ge=1, le=5, description="Side of the window, odd (1 changes nothing), px")
+
+
+def median_filter(state: Matching, params: MedianFilterParams) -> Matching:
+    """Replace each valid disparity by the median of its window; gaps are left out.
+
+    Parameters
+    ----------
+    state : Matching
+        With a disparity.
+    params : MedianFilterParams
+
+    Returns
+    -------
+    Matching
+        Same valid pixels; every new disparity is one of its window.
+
+    Raises
+    ------
+    OperatorError
+        If no matcher has run or the size is even.
+    """
+    disparity = require_disparity(state, "matching.median_filter")
+    if params.size_px % 2 == 0:
+        raise OperatorError(f"matching.median_filter: size_px {params.size_px} is even; use {params.size_px + 1}")
+    valid = disparity.valid
+    if params.size_px == 1 or not valid.any():
+        return state
+    # A lower median with holes at -inf and an upper one with holes at +inf bracket the median of the valid pixels.
+    big = np.float32(1e6)
+    low = cv2.medianBlur(np.where(valid, disparity.disparity_px, -big), params.size_px)
+    high = cv2.medianBlur(np.where(valid, disparity.disparity_px, big), params.size_px)
+    centre = disparity.disparity_px
+    low = np.where(low > -big, low, centre)
+    high = np.where(high < big, high, centre)
+    smooth = np.where(valid, np.clip(centre, np.minimum(low, high), np.maximum(low, high)), np.float32(np.nan))
+    return replace(state, disparity=replace(disparity, disparity_px=smooth.astype(np.float32)))
+
+
+OPERATOR = Operator(
+    name="matching.median_filter",
+    slot="refine",
+    params=MedianFilterParams,
+    function=median_filter,
+    cost=Cost(fixed_ms=0.2, ns_per_pixel=15.0),
+    summary="Smooth the disparity by a median over valid pixels.",
+    suits="Removes single outliers and steps of subpixel noise; rounds thin structures.",
+)

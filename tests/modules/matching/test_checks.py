@@ -1,0 +1,96 @@
+"""Range, checks and filters on disparities worked by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from modules.matching.check_left_right import CheckLeftRightParams, check_left_right, project_to_right
+from modules.matching.median_filter import MedianFilterParams, median_filter
+from modules.matching.remove_speckles import RemoveSpecklesParams, remove_speckles
+from modules.matching.use_range import UseRangeParams, use_range
+from modules.operator import OperatorError
+from modules.types import Disparity, DisparityRange, Invalid, Matching, Views
+
+NAN = np.nan
+
+
+def state_of(left: list[list[float]], right: list[list[float]] | None = None) -> Matching:
+    values = np.array(left, np.float32)
+    flags = np.where(np.isnan(values), int(Invalid.NO_MATCH), 0).astype(np.uint16)
+    blank = np.zeros(values.shape, np.uint8)
+    other = None if right is None else np.array(right, np.float32)
+    return Matching(Views(blank, blank), DisparityRange(0, 16), Disparity(values, flags, right_px=other))
+
+
+def test_the_range_is_set_and_an_empty_one_is_refused() -> None:
+    state = state_of([[1.0]])
+    assert use_range(state, UseRangeParams(min_px=-3, max_px=5)).range_px == DisparityRange(-3, 5)
+    with pytest.raises(OperatorError, match="max_px 5 must be larger than min_px 5"):
+        use_range(state, UseRangeParams(min_px=5, max_px=5))
+
+
+def test_a_match_that_does_not_match_back_is_rejected() -> None:
+    state = state_of([[NAN, 1.0, 1.0, 3.0]], [[1.0, 1.0, 5.0, NAN]])
+    result = check_left_right(state, CheckLeftRightParams()).disparity
+    assert result is not None
+    np.testing.assert_array_equal(result.valid, [[False, True, True, False]])
+    assert result.validity[0, 3] == Invalid.LEFT_RIGHT
+    assert result.validity[0, 0] == Invalid.NO_MATCH
+
+
+def test_unconfirmed_matches_are_kept_or_rejected_as_asked() -> None:
+    state = state_of([[NAN, 1.0]], [[NAN, 1.0]])
+    kept = check_left_right(state, CheckLeftRightParams()).disparity
+    dropped = check_left_right(state, CheckLeftRightParams(unconfirmed="reject")).disparity
+    assert kept is not None
+    assert dropped is not None
+    assert kept.valid[0, 1]
+    assert not dropped.valid[0, 1]
+
+
+def test_the_nearer_of_two_pixels_hides_the_other() -> None:
+    left = np.array([[NAN, NAN, 1.0, 2.5, 3.0]], np.float32)
+    np.testing.assert_array_equal(project_to_right(left)[0, :3], [2.5, 3.0, NAN])
+    result = check_left_right(state_of(left.tolist()), CheckLeftRightParams()).disparity
+    assert result is not None
+    np.testing.assert_array_equal(result.valid, [[False, False, False, True, True]])
+
+
+def test_islands_up_to_the_size_are_removed_and_larger_ones_kept() -> None:
+    grid = np.full((6, 8), 5.0)
+    grid[1:3, 1:3] = 9.0
+    result = remove_speckles(state_of(grid.tolist()), RemoveSpecklesParams(max_size_px=4)).disparity
+    kept = remove_speckles(state_of(grid.tolist()), RemoveSpecklesParams(max_size_px=3)).disparity
+    assert result is not None
+    assert kept is not None
+    assert result.rejected() == {"SPECKLE": 4}
+    assert kept.rejected() == {}
+
+
+def test_speckles_of_very_large_disparities_do_not_overflow() -> None:
+    grid = np.full((6, 8), 5000.0)
+    grid[1:3, 1:3] = -3000.0
+    result = remove_speckles(state_of(grid.tolist()), RemoveSpecklesParams(max_size_px=4)).disparity
+    assert result is not None
+    assert result.rejected() == {"SPECKLE": 4}
+
+
+def test_the_median_removes_an_outlier_and_leaves_validity_alone() -> None:
+    grid = np.full((5, 5), 4.0)
+    grid[2, 2] = 11.0
+    grid[0, 0] = NAN
+    result = median_filter(state_of(grid.tolist()), MedianFilterParams()).disparity
+    assert result is not None
+    assert result.disparity_px[2, 2] == 4.0
+    np.testing.assert_array_equal(result.valid, ~np.isnan(grid))
+    with pytest.raises(OperatorError, match="even"):
+        median_filter(state_of(grid.tolist()), MedianFilterParams(size_px=4))
+
+
+def test_checks_without_a_disparity_are_refused() -> None:
+    empty = Matching(Views(np.zeros((3, 3), np.uint8), np.zeros((3, 3), np.uint8)))
+    with pytest.raises(OperatorError, match="run a matcher first"):
+        check_left_right(empty, CheckLeftRightParams())
+    with pytest.raises(OperatorError, match="run a matcher first"):
+        remove_speckles(empty, RemoveSpecklesParams())
