@@ -27,8 +27,8 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV) || \
 		{ echo 'Python could not make an environment; on Debian and Ubuntu: apt install python3-venv'; exit 1; }
 	@echo 'Installing the environment into $(VENV), a few minutes the first time'
-	@$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes -r requirements.lock
-	@$(BIN)/python -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@rm -f $(VENV)/.terrex-*
 	@touch $@
 
@@ -61,7 +61,7 @@ fmt: $(STAMP)  ## Format the code and repair what the linter can
 
 lock:  ## Resolve the newest versions that pyproject.toml allows into requirements.lock
 	@$(PYTHON) -m venv --clear build/lock
-	@build/lock/bin/python -m pip install -q --disable-pip-version-check uv
+	@build/lock/bin/python -m pip install -qq --disable-pip-version-check uv
 	@build/lock/bin/uv pip compile -q --universal --python-version 3.10 --all-extras --generate-hashes --no-header \
 		--no-annotate --no-emit-index-url --upgrade pyproject.toml -o build/lock/requirements.txt
 	@{ sed -n '/^#/p;/^[^#]/q' requirements.lock; cat build/lock/requirements.txt; } > build/lock/requirements.lock

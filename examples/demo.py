@@ -6,21 +6,23 @@ Run it with `make demo`. Results are written to demo-out/.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from motorcycle import default_cache, not_occluded, obtain_motorcycle, true_disparity
 from numpy.typing import NDArray
 
 from expert import ExpertSystem, StereoPair
-from expert.api import Result
+from expert.result import Result
+from modules.simulation.sensor import SensorParams, apply_sensor
 from modules.simulation.terrain import RenderedPair, TerrainParams, render_terrain
 
 OUT = Path("demo-out")
 BAD_PX = 2.0
 ELEVATION_RANGE_M = 6.0
-DARK_GAIN, DARK_GAMMA, DARK_NOISE_DN = 0.45, 1.3, 1.5
+FAULTS = SensorParams(gain=0.45, gamma=(1.3, 1.3, 1.3), noise_sigma_dn=1.5)
+DEGRADED = f"right image degraded by gain {FAULTS.gain}, gamma {FAULTS.gamma[1]}, noise {FAULTS.noise_sigma_dn} DN"
 
 
 def main() -> None:
@@ -37,13 +39,9 @@ def main() -> None:
 
 
 def demonstrate_real_pair(system: ExpertSystem, name: str, folder: Path, degraded: bool = False) -> None:
-    left, right = read_rgb(folder / "left.png"), read_rgb(folder / "right.png")
-    about = "Motorcycle (Middlebury 2014), as it is"
-    if degraded:
-        right = degrade(right)
-        about = f"Motorcycle, right image degraded: {DEGRADATION}"
+    pair = StereoPair.load(folder / "left.png", folder / "right.png", calibration=folder / "calib.txt")
     truth = true_disparity(folder)
-    result = run(system, name, about, StereoPair(left, right, calibration=folder / "calib.txt"))
+    result = run(system, name, "Motorcycle (Middlebury 2014)", pair, degraded)
     print_disparity_error(result, truth, not_occluded(truth))
 
 
@@ -51,49 +49,34 @@ def demonstrate_rendered_pair(
     system: ExpertSystem, name: str, roll_deg: float, pitch_deg: float, degraded: bool = False
 ) -> None:
     rendered = render_terrain(TerrainParams(seed=1, roll_deg=roll_deg, pitch_deg=pitch_deg))
-    about = f"Rendered terrain, rover at roll {roll_deg:g} and pitch {pitch_deg:g} degrees"
-    right = degrade(rendered.right) if degraded else rendered.right
-    if degraded:
-        about += f", right image degraded: {DEGRADATION}"
     pair = StereoPair(
         rendered.left,
-        right,
+        rendered.right,
         calibration=rendered.calibration,
         attitude=rendered.attitude,
         mount=rendered.mount,
     )
-    result = run(system, name, about, pair)
+    about = f"Rendered terrain, rover at roll {roll_deg:g} and pitch {pitch_deg:g} degrees"
+    result = run(system, name, about, pair, degraded)
     print_disparity_error(result, rendered.disparity_px, rendered.nonocc)
     print_elevation_error(result, rendered)
 
 
-DEGRADATION = f"gain {DARK_GAIN}, gamma {DARK_GAMMA}, noise {DARK_NOISE_DN} DN"
-
-
-def degrade(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return what a darker camera with a curved response and noise would have seen."""
-    noise = np.random.default_rng(1).normal(0.0, DARK_NOISE_DN, image.shape)
-    seen = DARK_GAIN * 255.0 * (image / 255.0) ** DARK_GAMMA + noise
-    return np.clip(np.rint(seen), 0, 255).astype(np.uint8)
-
-
-def run(system: ExpertSystem, name: str, about: str, pair: StereoPair) -> Result:
+def run(system: ExpertSystem, name: str, about: str, pair: StereoPair, degraded: bool) -> Result:
     """Reconstruct a pair, print the decision, and write the results."""
-    print(f"\n{'=' * 100}\n{about}\n{'=' * 100}", flush=True)
+    pair = replace(pair, name=name, right=apply_sensor(pair.right, FAULTS, seed=1) if degraded else pair.right)
+    print(f"\n{'=' * 100}\n{about}, {DEGRADED if degraded else 'as it is'}\n{'=' * 100}", flush=True)
     start = time.perf_counter()
     result = system.reconstruct(pair)
     seconds = time.perf_counter() - start
     result.save(OUT / name)
     print(result.decision.text())
-    print(f"\nTime: {seconds:.1f} s. Files: {OUT / name}/")
+    print(f"Time: {seconds:.1f} s. Files: {OUT / name}/")
     return result
 
 
 def print_disparity_error(result: Result, truth_px: NDArray[np.float32], scored: NDArray[np.bool_]) -> None:
     """Print bad-2 over the non-occluded pixels, a missing pixel counted as wrong."""
-    if result.disparity_px is None:
-        print("Disparity: none was computed.")
-        return
     error = np.abs(result.disparity_px - truth_px)[scored]
     found = np.isfinite(error)
     wrong = 1.0 - np.mean(error[found] <= BAD_PX) if found.any() else 1.0
@@ -123,14 +106,6 @@ def print_elevation_error(result: Result, rendered: RenderedPair) -> None:
         f"Elevation within {ELEVATION_RANGE_M:g} m ({found.cell_m * 100:g} cm cells): median error "
         f"{100 * np.median(error):.1f} cm, 90 % below {100 * np.quantile(error, 0.9):.1f} cm, {error.size} cells"
     )
-
-
-def read_rgb(path: Path) -> NDArray[np.uint8]:
-    """Read an 8-bit image as RGB."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
-        raise SystemExit(f"{path} cannot be read; delete its folder and run the demo again")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 if __name__ == "__main__":
