@@ -1,0 +1,90 @@
+"""Which disparities occur."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from modules.measurement._coarse import CoarseMatch
+from modules.measurement.sample import Sample
+from modules.probe import FactModel, Probe, quantity
+
+PADDING = 0.22  # of the span; percentiles of features underestimate the range by 20 to 25 %
+LEAST_SUPPORT = 12  # matches
+
+
+class DisparityRangeFact(FactModel):
+    """Disparities to search, and whether the images belong together in this order."""
+
+    template: ClassVar[str] = "disparity_range"
+
+    min_px: int | None = quantity("Smallest disparity to search", unit="px", default=None)
+    max_px: int | None = quantity("End of the range to search, exclusive", unit="px", default=None)
+    source: Literal["given", "estimated", "unknown"] = quantity("Where the range comes from")
+    support_count: int = quantity("Sparse matches behind the range; 0 where it was given", ge=0)
+    sign: Literal["positive", "negative", "mixed", "unknown"] = quantity(
+        "Sign of nearly all disparities; negative: the images are probably swapped"
+    )
+    matched_fraction: float | None = quantity(
+        "Agreeing matches over the features of the poorer image; near 0: the images do not show one scene",
+        ge=0,
+        le=1,
+        resolution=0.001,
+        default=None,
+    )
+
+
+def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
+    """Return the one `disparity_range` fact of the pair.
+
+    A range given with the pair is passed on without any matching. Otherwise the range comes from the percentiles of the
+    sparse matches that lie in one row after the row fit, joined with a coarse dense match, and padded.
+    """
+    if sample.given_range is not None:
+        low, high = sample.given_range.min_px, sample.given_range.max_px
+        sign: Literal["positive", "negative", "mixed"] = "positive" if low >= 0 else "mixed"
+        if high <= 1:
+            sign = "negative"
+        return [DisparityRangeFact(min_px=low, max_px=high, source="given", support_count=0, sign=sign)]
+    features = sample.features
+    agreeing = features.agreeing
+    fraction = min(1.0, len(agreeing) / max(1, min(features.left_count, features.right_count)))
+    disparities = (agreeing.left_xy - agreeing.right_xy)[:, 0].astype(np.float64)
+    if len(disparities) < LEAST_SUPPORT:
+        return [
+            DisparityRangeFact(
+                source="unknown", support_count=len(disparities), sign="unknown", matched_fraction=fraction
+            )
+        ]
+    low, high = np.percentile(disparities, (1, 99))
+    coarse = sample.coarse
+    low, high = _join(float(low), float(high), coarse)
+    pad = max(2.0, PADDING * (high - low))
+    positive = float(np.mean(disparities > 0))
+    return [
+        DisparityRangeFact(
+            min_px=int(np.floor(low - pad)) if low < 0 else max(0, int(np.floor(low - pad))),
+            max_px=int(np.ceil(high + pad)) + 1,
+            source="estimated",
+            support_count=len(disparities),
+            sign="positive" if positive > 0.95 else "negative" if positive < 0.05 else "mixed",
+            matched_fraction=fraction,
+        )
+    ]
+
+
+def _join(low: float, high: float, coarse: CoarseMatch | None) -> tuple[float, float]:
+    if coarse is None:
+        return low, high
+    return min(low, coarse.low_px), max(high, coarse.high_px)
+
+
+PROBE = Probe(
+    "measurement.disparity_range",
+    (DisparityRangeFact,),
+    measure_disparity_range,
+    "medium",
+    "pair",
+    "Takes the given range, or estimates it from sparse matches and a coarse dense match.",
+)

@@ -1,0 +1,84 @@
+"""Whether corresponding points lie in one row."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from modules.measurement.sample import Sample
+from modules.probe import FactModel, Probe, quantity
+from modules.types import Correspondences
+
+GRID = 4  # the coverage counts cells of a 4 x 4 grid
+CELL_MATCHES = 3
+
+
+class RowAlignment(FactModel):
+    """Row misalignment `a + b (x - cx) + c (y - cy)` of the right image; absent fields: no fit."""
+
+    template: ClassVar[str] = "row_alignment"
+
+    count: int = quantity("Matches that agree with the fit", ge=0)
+    coverage_fraction: float = quantity(
+        "Cells of a 4 x 4 grid with at least 3 agreeing matches", ge=0, le=1, resolution=0.0625
+    )
+    offset_px: float | None = quantity(
+        "Rows by which the right image lies lower at its centre",
+        unit="px",
+        resolution=0.01,
+        sigma="sigma_px",
+        default=None,
+    )
+    roll_deg: float | None = quantity("Roll of the right image", unit="deg", resolution=0.001, default=None)
+    scale: float | None = quantity(
+        "Misalignment per row from the centre", unit="px/px", resolution=0.00001, default=None
+    )
+    sigma_px: float | None = quantity("Standard error of the offset", unit="px", ge=0, resolution=0.001, default=None)
+    residual_px: float | None = quantity(
+        "Robust standard deviation of the row differences from the fit", unit="px", ge=0, resolution=0.01, default=None
+    )
+    max_abs_px: float | None = quantity(
+        "Largest misalignment over the image", unit="px", ge=0, resolution=0.01, default=None
+    )
+
+
+def coverage(points: Correspondences, shape: tuple[int, int]) -> float:
+    """Return the fraction of grid cells of the left image with at least 3 matches."""
+    if not len(points):
+        return 0.0
+    column = np.clip(points.left_xy[:, 0] * GRID / shape[1], 0, GRID - 1).astype(int)
+    row = np.clip(points.left_xy[:, 1] * GRID / shape[0], 0, GRID - 1).astype(int)
+    counts = np.bincount(row * GRID + column, minlength=GRID * GRID)
+    return float(np.mean(counts >= CELL_MATCHES))
+
+
+def measure_row_alignment(sample: Sample) -> list[RowAlignment]:
+    """Return the one `row_alignment` fact of the pair, from sparse matches."""
+    features = sample.features
+    agreeing = features.agreeing
+    if features.fit is None:
+        return [RowAlignment(count=0, coverage_fraction=0.0)]
+    model = features.fit.model
+    return [
+        RowAlignment(
+            count=len(agreeing),
+            coverage_fraction=coverage(agreeing, sample.shape),
+            offset_px=model.offset_px,
+            roll_deg=float(np.rad2deg(model.roll_rad)),
+            scale=model.scale,
+            sigma_px=features.fit.sigma_px,
+            residual_px=features.fit.residual_px,
+            max_abs_px=model.max_abs_px(sample.shape),
+        )
+    ]
+
+
+PROBE = Probe(
+    "measurement.row_alignment",
+    (RowAlignment,),
+    measure_row_alignment,
+    "medium",
+    "pair",
+    "Fits a row offset, a roll and a row scale to sparse matches.",
+)

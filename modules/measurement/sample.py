@@ -1,0 +1,134 @@
+"""The subject of all pair probes: a pair with its shared intermediates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.measurement._coarse import CoarseMatch, coarse_match
+from modules.primitives.features import match_features
+from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray
+from modules.primitives.rows import RowFit, fit_rows
+from modules.types import Correspondences, DisparityRange, Image, Views
+
+Gray = NDArray[np.uint8]
+
+COLUMN_STEP = 2  # every second row and column suffices for histograms
+
+
+@dataclass(frozen=True)
+class FeatureMatches:
+    """Sparse matches of a pair and the number of features they come from."""
+
+    matches: Correspondences
+    left_count: int
+    right_count: int
+    fit: RowFit | None
+
+    @property
+    def agreeing(self) -> Correspondences:
+        """The matches that agree with the row model; none without a model."""
+        if self.fit is None:
+            none = np.zeros((0, 2), np.float32)
+            return Correspondences(none, none)
+        keep = self.fit.inliers
+        return Correspondences(self.matches.left_xy[keep], self.matches.right_xy[keep])
+
+
+class Sample:
+    """A pair and the intermediates that several probes need, each computed once and only when asked for.
+
+    Parameters
+    ----------
+    views : Views
+        Images of one shape and dtype.
+    given_range : DisparityRange, optional
+        Range of disparities given with the pair.
+    """
+
+    def __init__(self, views: Views, given_range: DisparityRange | None = None) -> None:
+        self.views = views
+        self.given_range = given_range
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.views.shape
+
+    @property
+    def channels(self) -> int:
+        """Number of channels, 1 or 3."""
+        return 1 if self.views.left.ndim == 2 else int(self.views.left.shape[2])
+
+    @cached_property
+    def gray8(self) -> tuple[Gray, Gray]:
+        """Left and right luminance, uint8 (H, W)."""
+        return to_8_bit(to_gray(self.views.left)), to_8_bit(to_gray(self.views.right))
+
+    @cached_property
+    def half(self) -> tuple[Gray, Gray]:
+        """Left and right luminance at half size, uint8 (about H/2, W/2)."""
+        return _shrink(self.gray8[0], 2), _shrink(self.gray8[1], 2)
+
+    @cached_property
+    def quarter(self) -> tuple[Gray, Gray]:
+        """Left and right luminance at quarter size, uint8 (about H/4, W/4)."""
+        return _shrink(self.half[0], 2), _shrink(self.half[1], 2)
+
+    @cached_property
+    def shift_px(self) -> int:
+        """Column shift between the contents of the images: middle of the given range, or estimated."""
+        if self.given_range is not None:
+            return (self.given_range.min_px + self.given_range.max_px) // 2
+        return dominant_shift_px(*self.quarter) * 4
+
+    @cached_property
+    def thinned(self) -> tuple[Image, Image]:
+        """Every second row and column of both images, original dtype and channels."""
+        step = COLUMN_STEP
+        return self.views.left[::step, ::step], self.views.right[::step, ::step]
+
+    @cached_property
+    def planes(self) -> dict[str, tuple[Gray, Gray]]:
+        """Thinned 8-bit planes by channel name, left and right; `gray` always, colours where there are any."""
+        step = COLUMN_STEP
+        planes = {"gray": (self.gray8[0][::step, ::step], self.gray8[1][::step, ::step])}
+        if self.channels == 3:
+            left, right = (to_8_bit(np.ascontiguousarray(image)) for image in self.thinned)
+            for index, name in enumerate(("red", "green", "blue")):
+                planes[name] = (left[..., index], right[..., index])
+        return planes
+
+    @cached_property
+    def common_planes(self) -> dict[str, tuple[Gray, Gray]]:
+        """The planes, cut to the columns that both images see."""
+        shift = round(self.shift_px / COLUMN_STEP)
+        return {name: common_view(left, right, shift) for name, (left, right) in self.planes.items()}
+
+    @cached_property
+    def common_quarter(self) -> tuple[Gray, Gray]:
+        """The quarter-size luminance, cut to the columns that both images see."""
+        return common_view(*self.quarter, round(self.shift_px / 4))
+
+    @cached_property
+    def features(self) -> FeatureMatches:
+        """Sparse matches with the row model fitted to them; the dearest intermediate."""
+        matches, (left, right) = match_features(*self.gray8)
+        return FeatureMatches(matches, left, right, fit_rows(matches, self.shape))
+
+    @cached_property
+    def coarse(self) -> CoarseMatch | None:
+        """A dense match of thumbnails; with a given range it needs no sparse matches."""
+        if self.given_range is not None:
+            return coarse_match(*self.gray8, self.given_range, None, None)
+        return coarse_match(*self.gray8, None, self.features.agreeing, self.features.fit)
+
+
+def _shrink(image: Gray, factor: int) -> Gray:
+    height, width = image.shape
+    size = (max(1, width // factor), max(1, height // factor))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))

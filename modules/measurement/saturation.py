@@ -1,0 +1,62 @@
+"""How much of the images is clipped."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from modules.measurement.sample import Sample
+from modules.probe import FactModel, Probe, quantity
+
+HIGH_DN = 254  # lossy compression blurs 255 by a level
+LOW_DN = 1
+
+
+def _fraction(description: str) -> float:
+    value: float = quantity(description, ge=0, le=1, resolution=0.0001)
+    return value
+
+
+class Saturation(FactModel):
+    """Fractions of pixels at the ends of the scale, on the columns that both images see."""
+
+    template: ClassVar[str] = "saturation"
+
+    left_fraction: float = _fraction("Pixels of the left image with a channel of at least 254 dn")
+    right_fraction: float = _fraction("Pixels of the right image with a channel of at least 254 dn")
+    difference_fraction: float = _fraction("Absolute difference of the two fractions")
+    dark_left_fraction: float = _fraction("Pixels of the left image with all channels at most 1 dn")
+    dark_right_fraction: float = _fraction("Pixels of the right image with all channels at most 1 dn")
+    dark_difference_fraction: float = _fraction("Absolute difference of the two dark fractions")
+
+
+def measure_saturation(sample: Sample) -> list[Saturation]:
+    """Return the one `saturation` fact of the pair, from every second row and column.
+
+    Scenes can be clipped in both images alike; only the difference tells that the images disagree.
+    """
+    names = [name for name in sample.common_planes if name != "gray"] or ["gray"]
+    bright, dark = [], []
+    for side in (0, 1):
+        planes = [sample.common_planes[name][side] for name in names]
+        highest = planes[0]
+        for plane in planes[1:]:
+            highest = np.maximum(highest, plane)
+        bright.append(float(np.count_nonzero(highest >= HIGH_DN)) / highest.size)
+        dark.append(float(np.count_nonzero(highest <= LOW_DN)) / highest.size)
+    return [
+        Saturation(
+            left_fraction=bright[0],
+            right_fraction=bright[1],
+            difference_fraction=abs(bright[0] - bright[1]),
+            dark_left_fraction=dark[0],
+            dark_right_fraction=dark[1],
+            dark_difference_fraction=abs(dark[0] - dark[1]),
+        )
+    ]
+
+
+PROBE = Probe(
+    "measurement.saturation", (Saturation,), measure_saturation, "cheap", "pair", "Counts clipped and black pixels."
+)
