@@ -9,6 +9,7 @@ from modules.matching.check_uniqueness import OPERATOR as CHECK_UNIQUENESS
 from modules.matching.median_filter import OPERATOR as MEDIAN_FILTER
 from modules.matching.remove_speckles import OPERATOR as REMOVE_SPECKLES
 from modules.matching.semi_global_block_match import OPERATOR as SEMI_GLOBAL_BLOCK_MATCH
+from modules.matching.semi_global_match import OPERATOR as SEMI_GLOBAL_MATCH
 from modules.matching.use_range import OPERATOR as USE_RANGE
 from modules.operator import Operator
 
@@ -16,6 +17,7 @@ OPERATORS: tuple[Operator, ...] = (
     USE_RANGE,
     BLOCK_MATCH,
     SEMI_GLOBAL_BLOCK_MATCH,
+    SEMI_GLOBAL_MATCH,
     CHECK_LEFT_RIGHT,
     CHECK_UNIQUENESS,
     REMOVE_SPECKLES,

@@ -163,8 +163,8 @@ def small_islands(disparity: FloatImage) -> int:
     return int(np.count_nonzero(valid & (fixed == empty)))
 
 
-def matched_pixels(left: NDArray[np.uint8], right: NDArray[np.uint8], search: DisparityRange) -> int:
-    """Count the pixels of a reduced pair that match uniquely and back with a range of disparities."""
+def matched_pixels(left: NDArray[np.uint8], right: NDArray[np.uint8], search: DisparityRange) -> float:
+    """Count the pixels of a reduced pair that match uniquely, match back, and correlate with their match."""
     count = -(-search.count // 16) * 16
     pad = count + abs(search.min_px)
     one, other = (cv2.copyMakeBorder(image, 0, 0, pad, pad, cv2.BORDER_REPLICATE) for image in (left, right))
@@ -172,9 +172,10 @@ def matched_pixels(left: NDArray[np.uint8], right: NDArray[np.uint8], search: Di
         search.min_px, count, 5, 8 * 25, 32 * 25, 1, 63, 15, 50, 2, cv2.STEREO_SGBM_MODE_SGBM_3WAY
     )
     fixed = np.asarray(matcher.compute(one, other))[:, pad:-pad]
-    column = np.arange(left.shape[1]) - fixed / 16.0
-    found = (fixed >= search.min_px * 16) & (column >= 0) & (column <= left.shape[1] - 1)
-    return int(np.count_nonzero(found))
+    disparity = fixed.astype(np.float32) / np.float32(16.0)
+    disparity[fixed < search.min_px * 16] = np.nan
+    _, supported = photometric_agreement(left, right, disparity)
+    return int(np.count_nonzero(np.isfinite(disparity))) * (supported or 0.0)
 
 
 def opposite_sign_matches(left: Image, right: Image, search: DisparityRange) -> bool:

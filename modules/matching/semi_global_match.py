@@ -1,0 +1,169 @@
+"""Match semi-globally with a cost that survives radiometric differences."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from modules.matching.common import Bytes, assemble, checked_range, to_bytes
+from modules.operator import Cost, Operator, OperatorError, OperatorParams
+from modules.types import DisparityRange, FloatImage, Invalid, Matching
+
+OVERLAP_ROWS = 24  # rows matched beyond each strip, so that paths have settled where it begins
+FEWEST_ROWS = 16  # thinner strips spend most of their time on the overlap
+BYTES_PER_CELL = 5  # cost uint8 and two partial sums int16
+SLOPE_LIMIT = 31  # largest difference of horizontal derivatives that still counts, DN
+CONFIDENCE_SCALE = 0.12  # excess of the second best cost at which the confidence reaches 1 - 1/e
+
+
+class SemiGlobalMatchParams(OperatorParams):
+    """Parameters of `semi_global_match`."""
+
+    cost: Literal["hybrid", "census"] = Field(
+        "hybrid", description="Census 5x5 with half the difference of horizontal derivatives, or census alone"
+    )
+    window_px: int = Field(5, ge=1, le=11, description="Side of the window that averages the cost, odd, px")
+    p1: float = Field(6.0, ge=0.0, le=40.0, description="P1, penalty of a step of 1 px, bits of census")
+    p2: float = Field(40.0, ge=0.0, le=160.0, description="P2, penalty of a larger step on even ground, bits of census")
+    p2_decay_per_dn: float = Field(0.05, ge=0.0, le=1.0, description="P2 is divided by 1 + this x step in gray, 1/DN")
+    subpixel: Literal["parabola", "equiangular"] = Field("parabola", description="Curve fitted at the least cost")
+    max_memory_mb: int = Field(512, ge=16, le=65536, description="Most memory for the cost volumes, MB")
+    reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
+
+
+def rows_per_strip(rows: int, columns: int, count: int, max_memory_mb: int) -> int:
+    """Return how many rows can be matched at once.
+
+    Raises
+    ------
+    OperatorError
+        If not even a thin strip fits the memory.
+    """
+    fitting = int(max_memory_mb * 1e6 // (columns * count * BYTES_PER_CELL))
+    if fitting >= rows:
+        return rows
+    usable = fitting - 2 * OVERLAP_ROWS
+    if usable < FEWEST_ROWS:
+        needed = math.ceil(min(rows, FEWEST_ROWS + 2 * OVERLAP_ROWS) * columns * count * BYTES_PER_CELL / 1e6)
+        raise OperatorError(
+            f"matching.semi_global_match: {columns} columns and {count} disparities need at least {needed} MB, but "
+            f"max_memory_mb is {max_memory_mb}; raise it, narrow the range or reduce the images"
+        )
+    return math.ceil(rows / math.ceil(rows / usable))
+
+
+def match_strips(
+    left: Bytes, right: Bytes, search: DisparityRange, params: SemiGlobalMatchParams
+) -> tuple[FloatImage, FloatImage, FloatImage]:
+    """Return left disparity, right disparity and cost ratio of a gray pair, each float32 (H, W)."""
+    from modules.matching import kernels
+
+    rows, columns = left.shape
+    count = search.count
+    height = rows_per_strip(rows, columns, count, params.max_memory_mb)
+    limit = SLOPE_LIMIT if params.cost == "hybrid" else 0
+    gray = left.astype(np.int32)
+    slopes = [cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE) for image in (left, right)]
+    step = np.arange(256)
+    p1 = params.p1 * kernels.COST_UNITS
+    p2 = np.maximum(params.p2 * kernels.COST_UNITS / (1.0 + params.p2_decay_per_dn * step), p1)
+    p2_of_step = np.rint(p2).astype(np.int16)
+    disparity, right_px, ratio = (np.empty((rows, columns), np.float32) for _ in range(3))
+    with ThreadPoolExecutor(2) as pool:
+        bits = list(pool.map(kernels.census, (gray, right.astype(np.int32))))
+        for start in range(0, rows, height):
+            stop = min(start + height, rows)
+            top, bottom = max(start - OVERLAP_ROWS, 0), min(stop + OVERLAP_ROWS, rows)
+            cost = np.empty((bottom - top, columns, count), np.uint8)
+            middle = (top + bottom) // 2
+            halves = [
+                pool.submit(
+                    kernels.cost_rows, *bits, *slopes, search.min_px, limit, params.window_px // 2, first, last,
+                    cost[first - top : last - top],
+                )
+                for first, last in ((top, middle), (middle, bottom))
+            ]  # fmt: skip
+            for half in halves:
+                half.result()
+            sums = [np.empty(cost.shape, np.int16) for _ in range(2)]
+            passes = [
+                pool.submit(kernels.aggregate, cost, gray[top:bottom], round(p1), p2_of_step, backward, total)
+                for backward, total in zip((False, True), sums, strict=True)
+            ]
+            for one in passes:
+                one.result()
+            middle = (start + stop) // 2
+            choices = [
+                pool.submit(
+                    kernels.select, *sums, first - top, search.min_px, params.subpixel == "equiangular",
+                    disparity[first:last], right_px[first:last], ratio[first:last],
+                )
+                for first, last in ((start, middle), (middle, stop))
+            ]  # fmt: skip
+            for choice in choices:
+                choice.result()
+    return disparity, right_px, ratio
+
+
+def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matching:
+    """Match by census and horizontal derivatives with a smoothness penalty along eight paths.
+
+    Parameters
+    ----------
+    state : Matching
+        Views (H, W) or (H, W, 3), uint8 or uint16, and a range. Colour is converted to gray.
+    params : SemiGlobalMatchParams
+
+    Returns
+    -------
+    Matching
+        With disparity float32 (H, W), NaN where invalid, its reasons, a confidence that rises with the excess of the
+        second best cost, and the disparity of the right image from the same costs. Where the cost does not depend on
+        the disparity the reason is `Invalid.FLAT_MINIMUM`.
+
+    Raises
+    ------
+    OperatorError
+        If the window is even, P2 is smaller than P1, the images or the range cannot be matched, or the memory does not
+        suffice for a strip of the image.
+
+    Notes
+    -----
+    Immune to every smooth change of brightness; noise harms it more than `semi_global_block_match`: enlarge the window.
+    Two threads; the result does not depend on them. It depends slightly on `max_memory_mb` once that forces strips.
+
+    References
+    ----------
+    H. Hirschmueller, Stereo Processing by Semiglobal Matching and Mutual Information, IEEE TPAMI 30(2), 2008.
+    R. Zabih and J. Woodfill, Non-parametric local transforms for computing visual correspondence, ECCV 1994.
+    """
+    name = "matching.semi_global_match"
+    if params.window_px % 2 == 0:
+        raise OperatorError(f"{name}: window_px {params.window_px} is even; use {params.window_px + 1}")
+    if params.p2 < params.p1:
+        raise OperatorError(f"{name}: p2 {params.p2:g} is smaller than p1 {params.p1:g}; use a larger p2")
+    search = checked_range(state, max(params.window_px, 5), name)
+    left, right = to_bytes(state.views, colour=False)
+    disparity, right_px, ratio = match_strips(left, right, search, params)
+    flat = np.isnan(ratio)
+    reasons = np.where(flat, np.uint16(Invalid.FLAT_MINIMUM), np.uint16(0)).astype(np.uint16)
+    excess = np.maximum(np.where(flat, 1.0, ratio) - 1.0, 0.0)
+    confidence = (1.0 - np.exp(-excess / CONFIDENCE_SCALE)).astype(np.float32)
+    return assemble(state, disparity, right_px, params.reject_range_border, confidence, reasons)
+
+
+OPERATOR = Operator(
+    name="matching.semi_global_match",
+    slot="matcher",
+    params=SemiGlobalMatchParams,
+    function=semi_global_match,
+    cost=Cost(fixed_ms=5.0, ns_per_pixel=60.0, ns_per_pixel_disparity=15.0),
+    summary="Match by census and horizontal derivatives along eight paths.",
+    suits="The most accurate matcher, immune to brightness differences; slower, and heavy noise needs a larger window.",
+    needs=("numba",),
+)
