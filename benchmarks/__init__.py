@@ -1,0 +1,1 @@
+"""Claims about accuracy and speed, each with the command that checks it."""
