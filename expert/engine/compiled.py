@@ -1,7 +1,7 @@
 """The compiled engine: every rule becomes closures, layers of rules are run to their fixpoint one after another.
 
-It follows the semantics in `expert.rules.model` literally, without any lowering, and so serves as the reference that the
-other engine is compared with.
+It follows the semantics in `expert.rules.model` literally, without any lowering, and so serves as the reference that
+the other engine is compared with.
 """
 
 from __future__ import annotations

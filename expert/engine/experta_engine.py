@@ -38,8 +38,8 @@ class Row:
         self.serial = serial
 
 
-class TotalOrder(Strategy):  # type: ignore[misc]
-    """Agenda order by salience, production, bindings and facts; the last activation of the agenda is the next to run."""
+class TotalOrder(Strategy):
+    """Agenda order by salience, production, bindings and facts; the last activation is the next to run."""
 
     def _update_agenda(self, agenda: Any, added: Iterable[Any], removed: Iterable[Any]) -> None:
         for activation in removed:
@@ -60,7 +60,7 @@ def _agenda_key(activation: Any) -> tuple[Any, ...]:
     return rule.salience, -rule.order, rows, facts
 
 
-class QuietMatcher(ReteMatcher):  # type: ignore[misc]
+class QuietMatcher(ReteMatcher):
     """The RETE matcher, which does not search all rules for changes when no fact has changed."""
 
     def changes(self, adding: Any = None, deleting: Any = None) -> tuple[list[Any], list[Any]]:
@@ -71,7 +71,7 @@ class QuietMatcher(ReteMatcher):  # type: ignore[misc]
         return changed
 
 
-class Network(experta.KnowledgeEngine):  # type: ignore[misc]
+class Network(experta.KnowledgeEngine):
     """The network of one stage, built once and reset for every inference.
 
     Parameters
@@ -90,7 +90,7 @@ class Network(experta.KnowledgeEngine):  # type: ignore[misc]
         self._helper_class: type[Any] = type("Helper", (experta.Fact,), {})
         self._classes: dict[str, type[Any]] = {}
         self._built = [self._build(order, production) for order, production in enumerate(productions)]
-        self._deffacts = [item for item in super().get_deffacts()]
+        self._deffacts = list(super().get_deffacts())
         self._record = Record(0)
         self._rows: dict[Fact, Row] = {}
         super().__init__()

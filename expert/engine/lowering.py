@@ -1,9 +1,10 @@
 """Lowering of rules to productions that any RETE network executes alike.
 
 A production has positive patterns, joins between them, positive or negated uses of helper facts, and single negated
-patterns that share no variable with the others. Every group of the language (`not`, `any_of`, `exists`, `for_all`) becomes
-productions of its own that assert a helper fact; the fact carries the outer facts that the group speaks of, so that
-the group's owner only asks whether it is there. A helper is ranked before its owner, an inner one before an outer one.
+patterns that share no variable with the others. Every group of the language (`not`, `any_of`, `exists`, `for_all`)
+becomes productions of its own that assert a helper fact; the fact carries the outer facts that the group speaks of, so
+that the group's owner only asks whether it is there. A helper is ranked before its owner, an inner one before an outer
+one.
 """
 
 from __future__ import annotations

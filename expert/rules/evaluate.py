@@ -1,8 +1,8 @@
 """Evaluation of operands, comparisons and actions on bound facts; no engine in here.
 
-Everything is total: a value that cannot be computed (absent field, unbound alias, division by zero, wrong type, no finite
-result) is None, and a comparison with None is false. Booleans are not numbers. A comparison between values of different
-kinds is false, `ne` and `not_in` included.
+Everything is total: a value that cannot be computed (absent field, unbound alias, division by zero, wrong type, no
+finite result) is None, and a comparison with None is false. Booleans are not numbers. A comparison between values of
+different kinds is false, `ne` and `not_in` included.
 """
 
 from __future__ import annotations

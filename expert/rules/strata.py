@@ -1,7 +1,7 @@
 """Stratification: in which order rules may look for the absence of findings.
 
-A rule that asks whether a finding is absent (`not`) or what holds for all of them (`for_all`) must wait until every rule
-that may derive it has had its turn. Such waiting must not go in a circle.
+A rule that asks whether a finding is absent (`not`) or what holds for all of them (`for_all`) must wait until every
+rule that may derive it has had its turn. Such waiting must not go in a circle.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class FindingUse:
     negated: bool
 
 
-def conditions_of(group: Condition | Sequence[Condition]) -> tuple[Condition, ...]:
+def conditions_of(group: Condition | list[Condition]) -> tuple[Condition, ...]:
     """Return one condition or several as a tuple."""
-    return tuple(group) if isinstance(group, list | tuple) else (group,)
+    return tuple(group) if isinstance(group, list) else (group,)
 
 
 def uses(conditions: Sequence[Condition], negated: bool = False) -> Iterator[FindingUse]:
@@ -106,9 +106,10 @@ def stratify(rules: Iterable[Rule]) -> tuple[tuple[Rule, ...], ...]:
 def _named_finding(comparison: Comparison, siblings: Sequence[Condition]) -> str:
     """Return the one name that an alias is restricted to by its own conditions, else `*`."""
     for other in siblings:
-        if isinstance(other, Comparison) and other.fact == "finding" and other.name == comparison.name:
-            if other.field == "name" and other.op == "eq" and isinstance(other.value, str):
-                return other.value
+        if not isinstance(other, Comparison) or (other.fact, other.name) != ("finding", comparison.name):
+            continue
+        if other.field == "name" and other.op == "eq" and isinstance(other.value, str):
+            return other.value
     return EVERY_FINDING
 
 
