@@ -99,11 +99,12 @@ def first_hit(
     far_max: Any,
     far_coarse: Any,
     top: float,
+    start: float,
     limit: float,
 ) -> float:
     """Return the distance to the first crossing from above, or MISS; the direction has unit length."""
-    t = 0.0
-    if origin[2] > top:
+    t = start
+    if origin[2] + t * dz > top:
         if dz >= 0.0:
             return MISS
         t = (top - origin[2]) / dz
@@ -142,7 +143,7 @@ def first_hit(
                 ground = bilinear(far, x0, y0, cell, x, y)
             if origin[2] + after * dz <= ground:
                 low, high = before, after
-                for _ in range(24):
+                for _ in range(16):
                     middle = 0.5 * (low + high)
                     x = origin[0] + middle * dx
                     y = origin[1] + middle * dy
@@ -164,6 +165,7 @@ def first_hit(
 def cast(
     origin: Any,
     directions: Any,
+    starts: Any,
     near: Any,
     near_at: Any,
     near_max: Any,
@@ -180,7 +182,21 @@ def cast(
     for k in range(directions.shape[0]):
         dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
         out[k] = first_hit(
-            origin, dx, dy, dz, near, near_at, near_max, near_coarse, far, far_at, far_max, far_coarse, top, limit
+            origin,
+            dx,
+            dy,
+            dz,
+            near,
+            near_at,
+            near_max,
+            near_coarse,
+            far,
+            far_at,
+            far_max,
+            far_coarse,
+            top,
+            starts[k],
+            limit,
         )
     return out
 
@@ -201,11 +217,19 @@ def sunlit(grid: Any, maxima: Any, cell: float, sx: float, sy: float, rise: floa
                 if x < 0.0 or y < 0.0 or x >= columns - 1 or y >= rows - 1:
                     break
                 bi, bj = int(y) // BLOCK, int(x) // BLOCK
-                if z < maxima[bi, bj] and z < bilinear(grid, 0.0, 0.0, 1.0, x, y):
+                stride = 1.0
+                if z >= maxima[bi, bj]:  # whole steps inside this block cannot hit either
+                    free = 2.0 * BLOCK
+                    if sx != 0.0:
+                        free = min(free, ((bj + (sx > 0.0)) * BLOCK - x) / sx)
+                    if sy != 0.0:
+                        free = min(free, ((bi + (sy > 0.0)) * BLOCK - y) / sy)
+                    stride = max(1.0, np.ceil(free))
+                elif z < bilinear(grid, 0.0, 0.0, 1.0, x, y):
                     out[i, j] = 0.0
                     break
-                step += 1.0
-                z += cell * rise
+                step += stride
+                z += stride * cell * rise
     return out
 
 

@@ -74,8 +74,11 @@ class Heightfield:
         )
         return np.asarray(flat).reshape(x.shape)
 
-    def cast(self, origin: Points, directions: Points) -> Points:
-        """Return the distance in m along each unit direction (N, 3) to the surface, inf where it is missed."""
+    def cast(self, origin: Points, directions: Points, start_m: Points | None = None) -> Points:
+        """Return the distance in m along each unit direction (N, 3) to the surface, inf where it is missed.
+
+        `start_m` (N,), if given, are distances at which the rays are known to be still above the surface.
+        """
         from modules.simulation import _raycast
 
         top = float(max(self.near.maxima_m.max(), self.far.maxima_m.max()))
@@ -84,6 +87,7 @@ class Heightfield:
             _raycast.cast(
                 np.ascontiguousarray(origin, np.float64),
                 np.ascontiguousarray(directions, np.float64),
+                np.zeros(len(directions)) if start_m is None else start_m,
                 near.height_m,
                 near.at,
                 near.maxima_m,

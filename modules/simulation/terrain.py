@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from modules.operator import OperatorParams
 from modules.primitives.frames import level_from_body, rotation_from_angles
-from modules.simulation.heightfield import Heightfield, build_heightfield
+from modules.simulation.heightfield import LIMIT_M, Heightfield, build_heightfield
 from modules.types import Attitude, Calibration, ElevationMap, FloatImage, Mask, Mount
 
 FloatArray = NDArray[np.float64]
@@ -47,7 +48,7 @@ class TerrainParams(OperatorParams):
     sun_azimuth_deg: float = Field(65.0, ge=-180, le=180, description="Sun from straight ahead, positive left, deg")
     sun_elevation_deg: float = Field(38.0, ge=5, le=89, description="Elevation of the sun, deg")
     ambient: float = Field(0.22, ge=0, le=1, description="Fraction of the light that comes from the sky")
-    texture: float = Field(0.09, ge=0, le=0.5, description="Standard deviation of the log reflectance per octave")
+    texture: float = Field(0.12, ge=0, le=0.5, description="Standard deviation of the log reflectance per octave")
     supersample: int = Field(2, ge=1, le=4, description="Rays per pixel and axis")
     cell_m: float = Field(0.05, ge=0.01, le=1, description="Cell of the true elevation map, m")
     range_m: float = Field(8.0, gt=0, le=15, description="The true elevation map reaches this far ahead, m")
@@ -217,7 +218,9 @@ def render_terrain(params: TerrainParams) -> RenderedPair:
     hidden = (column < 0) | (column > width - 1) | ~field.sees(right_centre, points)
     occluded[occluded] = hidden
 
-    left, right = (_image(field, calibration, rotation, eye, params) for eye in (centre, right_centre))
+    right_distance = field.cast(right_centre, directions)
+    left = _image(field, calibration, rotation, centre, distance, params)
+    right = _image(field, calibration, rotation, right_centre, right_distance, params)
     pair = RenderedPair(
         left,
         right,
@@ -264,36 +267,49 @@ def _rays(calibration: Calibration, rotation: FloatArray, du: float, dv: float) 
     """Return unit directions (N, 3) and the length of each ray per unit depth, for all pixels moved by (du, dv)."""
     u = (np.arange(calibration.width_px) + du - calibration.cx_px) / calibration.focal_px
     v = (np.arange(calibration.height_px) + dv - calibration.cy_px) / calibration.focal_px
-    optical = np.stack([*np.meshgrid(u, v), np.ones((len(v), len(u)))], axis=-1).reshape(-1, 3)
-    length = np.linalg.norm(optical, axis=1)
-    return optical @ rotation.T / length[:, None], length
+    length = np.sqrt(u[None, :] ** 2 + v[:, None] ** 2 + 1)
+    across, down = u[:, None] * rotation[:, 0] + rotation[:, 2], v[:, None] * rotation[:, 1]
+    directions = (across[None] + down[:, None]) / length[..., None]
+    return directions.reshape(-1, 3), length.ravel()
 
 
 def _image(
-    field: Heightfield, calibration: Calibration, rotation: FloatArray, eye: FloatArray, params: TerrainParams
+    field: Heightfield,
+    calibration: Calibration,
+    rotation: FloatArray,
+    eye: FloatArray,
+    distance: FloatArray,
+    params: TerrainParams,
 ) -> NDArray[np.uint8]:
-    """Render one camera at `eye` (heading frame): the mean of the colours of all rays of a pixel."""
+    """Render one camera at `eye` (heading frame): the mean of the colours of all rays of a pixel.
+
+    `distance` (N,) is that along the centre rays: the rays of a pixel start just before the nearest of 3 x 3 of them.
+    """
     n = params.supersample
-    total = np.zeros((calibration.width_px * calibration.height_px, 3))
+    shape = calibration.height_px, calibration.width_px
+    capped = np.minimum(distance, 1e6).reshape(shape)
+    nearest = cv2.erode(capped, np.ones((3, 3), np.uint8)).ravel()
+    start = np.maximum(np.minimum(0.97 * nearest - 0.05, LIMIT_M), 0.0)
+    total = np.zeros((shape[0] * shape[1], 3))
     for k in range(n * n):
         directions, _ = _rays(calibration, rotation, (k % n + 0.5) / n - 0.5, (k // n + 0.5) / n - 0.5)
-        total += _radiance(field, calibration, eye, directions, params)
+        total += _radiance(field, eye, directions, start, params)
     encoded = 255.0 * np.clip(total / (n * n), 0, 1) ** (1 / DISPLAY_GAMMA)
-    return np.rint(encoded).astype(np.uint8).reshape(calibration.height_px, calibration.width_px, 3)
+    return np.rint(encoded).astype(np.uint8).reshape(*shape, 3)
 
 
 def _radiance(
-    field: Heightfield, calibration: Calibration, eye: FloatArray, directions: FloatArray, params: TerrainParams
+    field: Heightfield, eye: FloatArray, directions: FloatArray, start: FloatArray, params: TerrainParams
 ) -> FloatArray:
     """Return linear RGB (N, 3) along rays."""
-    distance = field.cast(eye, directions)
+    distance = field.cast(eye, directions, start)
     upward = np.clip(directions[:, 2] / 0.6, 0, 1)[:, None]
     colour = SKY_LOW + (SKY_HIGH - SKY_LOW) * upward
     hit = np.isfinite(distance)
     t = distance[hit]
     down = np.maximum(-directions[hit, 2], 0.02)
     # A ray covers t / f across and t / (f sin) along the ground; their geometric mean bounds what it can resolve.
-    footprint = t / (calibration.focal_px * params.supersample) / np.sqrt(down)
+    footprint = t / (params.focal_px * params.supersample) / np.sqrt(down)
     points = eye + directions[hit] * t[:, None]
     light, rock, noise = field.surface(points, footprint)
     albedo = SOIL + (ROCK - SOIL) * np.minimum(rock, 1.0)[:, None]
