@@ -298,8 +298,8 @@ def select(
                 second = min(second, s[d])
             offset = 0.0
             if 0 < at < count - 1:
-                before = np.float32(s[at - 1]) - np.float32(best)
-                after = np.float32(s[at + 1]) - np.float32(best)
+                before = float(s[at - 1]) - float(best)
+                after = float(s[at + 1]) - float(best)
                 if equiangular:
                     steep = max(before, after)
                     offset = 0.5 * (before - after) / steep if steep > 0 else 0.0
@@ -310,7 +310,7 @@ def select(
             if worst == best:
                 ratio[i, x] = np.float32(np.nan)
             else:
-                ratio[i, x] = np.float32((np.float32(second) + 1.0) / (np.float32(best) + 1.0))
+                ratio[i, x] = np.float32((float(second) + 1.0) / (float(best) + 1.0))
             begin = max(x - low - columns + 1, 0)
             end = min(x - low + 1, count)
             for d in range(begin, end):
@@ -326,9 +326,9 @@ def select(
             offset = 0.0
             xl = x + low + at
             if 0 < at < count - 1 and 0 < xl < columns - 1:
-                middle = np.float32(one[y, xl, at])
-                before = np.float32(one[y, xl - 1, at - 1]) - middle
-                after = np.float32(one[y, xl + 1, at + 1]) - middle
+                middle = float(one[y, xl, at])
+                before = float(one[y, xl - 1, at - 1]) - middle
+                after = float(one[y, xl + 1, at + 1]) - middle
                 if before >= 0 and after >= 0 and before + after > 0:
                     offset = 0.5 * (before - after) / (before + after)
             right[i, x] = np.float32(low + at + offset)

@@ -18,7 +18,10 @@ OVERLAP_ROWS = 24  # rows matched beyond each strip, so that paths have settled 
 FEWEST_ROWS = 16  # thinner strips spend most of their time on the overlap
 BYTES_PER_CELL = 5  # cost uint8 and two partial sums int16
 SLOPE_LIMIT = 31  # largest difference of horizontal derivatives that still counts, DN
-CONFIDENCE_SCALE = 0.12  # excess of the second best cost at which the confidence reaches 1 - 1/e
+# Probability that the error is below 1 px as a function of the relative excess e of the second best cost, fitted to
+# pairs with known truth (non-occluded pixels): 1 - (1 - CONFIDENCE_FLOOR) exp(-e / CONFIDENCE_SCALE).
+CONFIDENCE_FLOOR = 0.2
+CONFIDENCE_SCALE = 0.24
 
 
 class SemiGlobalMatchParams(OperatorParams):
@@ -68,7 +71,10 @@ def match_strips(
     height = rows_per_strip(rows, columns, count, params.max_memory_mb)
     limit = SLOPE_LIMIT if params.cost == "hybrid" else 0
     gray = left.astype(np.int32)
-    slopes = [cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE) for image in (left, right)]
+    slopes = [
+        np.asarray(cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE), np.int16)
+        for image in (left, right)
+    ]
     step = np.arange(256)
     p1 = params.p1 * kernels.COST_UNITS
     p2 = np.maximum(params.p2 * kernels.COST_UNITS / (1.0 + params.p2_decay_per_dn * step), p1)
@@ -83,11 +89,20 @@ def match_strips(
             middle = (top + bottom) // 2
             halves = [
                 pool.submit(
-                    kernels.cost_rows, *bits, *slopes, search.min_px, limit, params.window_px // 2, first, last,
+                    kernels.cost_rows,
+                    bits[0],
+                    bits[1],
+                    slopes[0],
+                    slopes[1],
+                    search.min_px,
+                    limit,
+                    params.window_px // 2,
+                    first,
+                    last,
                     cost[first - top : last - top],
                 )
                 for first, last in ((top, middle), (middle, bottom))
-            ]  # fmt: skip
+            ]
             for half in halves:
                 half.result()
             sums = [np.empty(cost.shape, np.int16) for _ in range(2)]
@@ -100,11 +115,18 @@ def match_strips(
             middle = (start + stop) // 2
             choices = [
                 pool.submit(
-                    kernels.select, *sums, first - top, search.min_px, params.subpixel == "equiangular",
-                    disparity[first:last], right_px[first:last], ratio[first:last],
+                    kernels.select,
+                    sums[0],
+                    sums[1],
+                    first - top,
+                    search.min_px,
+                    params.subpixel == "equiangular",
+                    disparity[first:last],
+                    right_px[first:last],
+                    ratio[first:last],
                 )
                 for first, last in ((start, middle), (middle, stop))
-            ]  # fmt: skip
+            ]
             for choice in choices:
                 choice.result()
     return disparity, right_px, ratio
@@ -153,7 +175,7 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     flat = np.isnan(ratio)
     reasons = np.where(flat, np.uint16(Invalid.FLAT_MINIMUM), np.uint16(0)).astype(np.uint16)
     excess = np.maximum(np.where(flat, 1.0, ratio) - 1.0, 0.0)
-    confidence = (1.0 - np.exp(-excess / CONFIDENCE_SCALE)).astype(np.float32)
+    confidence = (1.0 - (1.0 - CONFIDENCE_FLOOR) * np.exp(-excess / CONFIDENCE_SCALE)).astype(np.float32)
     return assemble(state, disparity, right_px, params.reject_range_border, confidence, reasons)
 
 
