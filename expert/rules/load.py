@@ -56,6 +56,12 @@ def digest_of(base: RuleBase) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
+def shipped_file() -> FilePath | None:
+    """Return the path of the shipped rules, or None when they are not a file of their own."""
+    path = FilePath(str(resources.files("knowledge"))) / "rules.yaml"
+    return path if path.is_file() else None
+
+
 def _read_shipped() -> Document:
     try:
         raw = resources.files("knowledge").joinpath("rules.yaml").read_bytes()
