@@ -17,7 +17,7 @@ TAG_PIXEL_SCALE, TAG_TIEPOINT, TAG_GEO_KEYS, TAG_NODATA = 33550, 33922, 34735, 4
 # GeoKeyDirectory: version 1.1.0, two keys: user-defined model type, pixel is area
 GEO_KEYS = (1, 1, 0, 2, 1024, 0, 1, 32767, 1025, 0, 1, 1)
 VERTICAL_STRETCH = 1.5
-SUN_AZIMUTH_RAD, SUN_ELEVATION_RAD = np.radians(135.0), np.radians(45.0)  # from upper left of the picture
+SUN = (0.5, 0.5, 0.70710678)  # unit vector to the sun: ahead, left and up, which is the upper left of the picture
 PICTURE_SIDE_PX = 900
 
 
@@ -117,9 +117,7 @@ def _shade(height: FloatImage, cell_m: float) -> FloatImage:
     """Return the cosine between the surface and the sun, (H, W), 0-1."""
     smooth = cv2.GaussianBlur(height, (0, 0), 0.7)
     gy, gx = np.gradient(smooth * VERTICAL_STRETCH, cell_m) if min(height.shape) > 1 else np.zeros((2, *height.shape))
-    # Light from ahead and left: x forward, y left.
-    sun = np.array([np.cos(SUN_ELEVATION_RAD) * np.sin(SUN_AZIMUTH_RAD), np.cos(SUN_ELEVATION_RAD) * 0.70710678])
-    dot = (-gx * sun[0] - gy * sun[1] + np.sin(SUN_ELEVATION_RAD)) / np.sqrt(gx**2 + gy**2 + 1.0)
+    dot = (-gx * SUN[0] - gy * SUN[1] + SUN[2]) / np.sqrt(gx**2 + gy**2 + 1.0)
     return np.clip(dot, 0.0, 1.0).astype(np.float32)
 
 
