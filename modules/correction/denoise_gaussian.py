@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import cv2
-import numpy as np
 from pydantic import Field
 
 from modules.correction._shared import check_pair
 from modules.operator import Cost, Operator, OperatorParams
-from modules.types import Views
+from modules.types import Image, Views
 
 
 class DenoiseGaussianParams(OperatorParams):
@@ -41,8 +42,12 @@ def denoise_gaussian(views: Views, params: DenoiseGaussianParams) -> Views:
     Helps census-based costs under strong noise; costs detail, and harms pairs that differ radiometrically.
     """
     check_pair(views, "correction.denoise_gaussian")
-    left, right = (np.asarray(cv2.GaussianBlur(image, (0, 0), params.sigma_px)) for image in (views.left, views.right))
-    return views.with_images(left, right)
+    return views.with_images(_smooth(views.left, params.sigma_px), _smooth(views.right, params.sigma_px))
+
+
+def _smooth(image: Image, sigma_px: float) -> Image:
+    smooth: Any = cv2.GaussianBlur(image, (0, 0), sigma_px)
+    return cast(Image, smooth)
 
 
 OPERATOR = Operator(

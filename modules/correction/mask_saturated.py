@@ -50,10 +50,12 @@ def mask_saturated(views: Views, params: MaskSaturatedParams) -> Views:
 def _usable(image: Image, params: MaskSaturatedParams) -> Mask:
     planes = image if image.ndim == 3 else image[..., None]
     scale = dn_scale(image)
-    clipped = (planes >= params.high_dn * scale).any(axis=2) | (planes <= params.low_dn * scale).all(axis=2)
+    clipped: Mask = np.asarray(
+        (planes >= params.high_dn * scale).any(axis=2) | (planes <= params.low_dn * scale).all(axis=2)
+    )
     if params.margin_px and clipped.any():
         size = 2 * params.margin_px + 1
-        clipped = cv2.dilate(clipped.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+        clipped = np.asarray(cv2.dilate(clipped.view(np.uint8), np.ones((size, size), np.uint8)) > 0)
     return np.asarray(~clipped)
 
 

@@ -65,7 +65,8 @@ def coarse_match(
     factor = min(1.0, WIDTH_PX / shape[1])
     if factor < 1:
         left, right = (
-            np.asarray(cv2.resize(x, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)) for x in (left, right)
+            np.asarray(cv2.resize(x, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
+            for x in (left, right)
         )
     first = int(np.floor(low * factor))
     count = max(16, int(np.ceil((high * factor - first) / 16)) * 16)
@@ -82,12 +83,12 @@ def _semi_global(left: NDArray[np.uint8], right: NDArray[np.uint8], first: int, 
     # Pad so that the columns whose match lies outside of the image do not lose the border of the range.
     pad_left, pad_right = max(0, first + count), max(0, -first)
     padded = [cv2.copyMakeBorder(x, 0, 0, pad_left, pad_right, cv2.BORDER_REPLICATE) for x in normalised]
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=first, numDisparities=count, blockSize=5, P1=8 * 25, P2=48 * 25, disp12MaxDiff=1,
         preFilterCap=63, uniquenessRatio=12, speckleWindowSize=60, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM,
     )  # fmt: skip
     raw = matcher.compute(*padded)[:, pad_left : pad_left + left.shape[1]]
-    disparity = raw.astype(np.float32) / 16
+    disparity: NDArray[np.float32] = raw.astype(np.float32) / np.float32(16)
     columns = np.arange(left.shape[1], dtype=np.float32)[None, :]
     outside = (columns - disparity < 0) | (columns - disparity > left.shape[1] - 1)
     disparity[(raw < first * 16) | outside] = np.nan

@@ -10,7 +10,8 @@ from modules.measurement._coarse import CoarseMatch
 from modules.measurement.sample import Sample
 from modules.probe import FactModel, Probe, quantity
 
-PADDING = 0.22  # of the span; percentiles of features underestimate the range by 20 to 25 %
+PADDING_LOW = 0.22  # of the span; percentiles of features underestimate the range by 20 to 25 %
+PADDING_HIGH = 0.35  # near objects are small and rarely carry features
 LEAST_SUPPORT = 12  # matches
 
 
@@ -57,15 +58,15 @@ def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
                 source="unknown", support_count=len(disparities), sign="unknown", matched_fraction=fraction
             )
         ]
-    low, high = np.percentile(disparities, (1, 99))
-    coarse = sample.coarse
-    low, high = _join(float(low), float(high), coarse)
-    pad = max(2.0, PADDING * (high - low))
+    first, last = (float(value) for value in np.percentile(disparities, (1, 99)))
+    least, most = _join(first, last, sample.coarse)
+    span = most - least
+    lowest = int(np.floor(least - max(2.0, PADDING_LOW * span)))
     positive = float(np.mean(disparities > 0))
     return [
         DisparityRangeFact(
-            min_px=int(np.floor(low - pad)) if low < 0 else max(0, int(np.floor(low - pad))),
-            max_px=int(np.ceil(high + pad)) + 1,
+            min_px=max(0, lowest) if first >= 0 else lowest,
+            max_px=int(np.ceil(most + max(2.0, PADDING_HIGH * span))) + 1,
             source="estimated",
             support_count=len(disparities),
             sign="positive" if positive > 0.95 else "negative" if positive < 0.05 else "mixed",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -58,7 +58,8 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
     height, width = match.left.shape
     valid = np.isfinite(match.disparity_px)
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
-    seen = cv2.remap(match.right, u - np.where(valid, match.disparity_px, 0), v, cv2.INTER_LINEAR)
+    columns = u - np.where(valid, match.disparity_px, np.float32(0))
+    seen = np.asarray(cv2.remap(match.right, columns, v, cv2.INTER_LINEAR), dtype=np.uint8)
     pairs = [count_levels(image[valid]) for image in (match.left, seen)]
     gain, offset, _ = fit_gain_offset(quantiles(pairs[0], PROBABILITIES), quantiles(pairs[1], PROBABILITIES), 255)
     table = match_levels(pairs[0], pairs[1])
@@ -82,7 +83,7 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
     ]
 
 
-def _mean(image: NDArray[np.float32], valid: NDArray[np.bool_], weight: NDArray[np.float32]) -> NDArray[np.float32]:
+def _mean(image: NDArray[Any], valid: NDArray[np.bool_], weight: NDArray[Any]) -> NDArray[np.float32]:
     total = cv2.blur(np.where(valid, image, np.float32(0)), (WINDOW_PX, WINDOW_PX))
     return np.asarray(total / np.maximum(weight, np.float32(1e-3)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from modules.measurement._coarse import CoarseMatch, coarse_match
 from modules.primitives.features import match_features
+from modules.primitives.noise import estimate_noise_dn
 from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray
 from modules.primitives.rows import RowFit, fit_rows
 from modules.types import Correspondences, DisparityRange, Image, Views
@@ -90,7 +92,8 @@ class Sample:
     def thinned(self) -> tuple[Image, Image]:
         """Every second row and column of both images, original dtype and channels."""
         step = COLUMN_STEP
-        return self.views.left[::step, ::step], self.views.right[::step, ::step]
+        left, right = (np.ascontiguousarray(x[::step, ::step]) for x in (self.views.left, self.views.right))
+        return cast(Image, left), cast(Image, right)
 
     @cached_property
     def planes(self) -> dict[str, tuple[Gray, Gray]]:
@@ -98,7 +101,7 @@ class Sample:
         step = COLUMN_STEP
         planes = {"gray": (self.gray8[0][::step, ::step], self.gray8[1][::step, ::step])}
         if self.channels == 3:
-            left, right = (to_8_bit(np.ascontiguousarray(image)) for image in self.thinned)
+            left, right = (to_8_bit(image) for image in self.thinned)
             for index, name in enumerate(("red", "green", "blue")):
                 planes[name] = (left[..., index], right[..., index])
         return planes
@@ -115,6 +118,14 @@ class Sample:
         return common_view(*self.quarter, round(self.shift_px / 4))
 
     @cached_property
+    def noise_dn(self) -> tuple[float, float]:
+        """Noise of the green channel, or of the gray image, left and right, dn."""
+        if self.channels == 1:
+            return estimate_noise_dn(self.gray8[0]), estimate_noise_dn(self.gray8[1])
+        left, right = (_eight(cv2.extractChannel(x, 1)) for x in (self.views.left, self.views.right))
+        return estimate_noise_dn(left), estimate_noise_dn(right)
+
+    @cached_property
     def features(self) -> FeatureMatches:
         """Sparse matches with the row model fitted to them; the dearest intermediate."""
         matches, (left, right) = match_features(*self.gray8)
@@ -126,6 +137,10 @@ class Sample:
         if self.given_range is not None:
             return coarse_match(*self.gray8, self.given_range, None, None)
         return coarse_match(*self.gray8, None, self.features.agreeing, self.features.fit)
+
+
+def _eight(plane: Any) -> Gray:
+    return to_8_bit(plane)
 
 
 def _shrink(image: Gray, factor: int) -> Gray:

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.measurement.noise import estimate_noise_dn
 from modules.measurement.sample import Sample
+from modules.primitives.noise import estimate_noise_dn
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 24
@@ -33,10 +33,10 @@ class Sharpness(FactModel):
 def _detail(gray: NDArray[np.uint8]) -> float:
     # The middle rows suffice and keep it cheap.
     height = gray.shape[0]
-    values = gray[height // 4 : height - height // 4].astype(np.float32)
+    values = gray[height // 3 : height - height // 3].astype(np.float32)
     if min(values.shape) < 2 * BLOCK_PX:
         return 1.0
-    noise = estimate_noise_dn(gray) ** 2
+    noise = estimate_noise_dn(gray[height // 4 : height - height // 4]) ** 2
     box3, box7 = cv2.blur(values, (3, 3)), cv2.blur(values, (7, 7))
     size = (values.shape[1] // BLOCK_PX, values.shape[0] // BLOCK_PX)
     fine = cv2.resize((values - box3) ** 2, size, interpolation=cv2.INTER_AREA) - FINE_NOISE * noise

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ def stretch(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     low, high = np.percentile(image[::4, ::4], (1, 99))
     gain = 255.0 / max(high - low, 16.0)
     table = np.clip((np.arange(256) - low) * gain, 0, 255).astype(np.uint8)
-    return np.asarray(cv2.LUT(image, table)).reshape(image.shape)
+    return np.asarray(cv2.LUT(image, table), dtype=np.uint8).reshape(image.shape)
 
 
 def match_features(
@@ -44,7 +46,7 @@ def match_features(
     none = np.zeros((0, 2), np.float32)
     if min(left.shape) < 16:
         return Correspondences(none, none), (0, 0)
-    detector = cv2.SIFT_create(nfeatures=limit, contrastThreshold=0.02)
+    detector = cv2.SIFT.create(nfeatures=limit, contrastThreshold=0.02)
     found, points, descriptors = [], [], []
     for image in (left, right):
         keypoints, descriptor = detector.detectAndCompute(stretch(image), None)
@@ -65,7 +67,7 @@ def match_features(
     return Correspondences(left_xy[order], right_xy[order]), (found[0], found[1])
 
 
-def _nearest(queries: NDArray[np.float32], train: NDArray[np.float32]) -> dict[int, int]:
+def _nearest(queries: Any, train: Any) -> dict[int, int]:
     result: dict[int, int] = {}
     for candidates in cv2.BFMatcher(cv2.NORM_L2).knnMatch(queries, train, k=2):
         if len(candidates) == 2 and candidates[0].distance < LOWE_RATIO * candidates[1].distance:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -15,7 +16,8 @@ def to_gray(image: Image) -> Image:
     """Return the luminance of an RGB or gray image, (H, W), same dtype (Rec. 601 weights)."""
     if image.ndim == 2:
         return image
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    gray: Any = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return cast(Image, gray)
 
 
 def to_8_bit(image: Image) -> NDArray[np.uint8]:
@@ -27,18 +29,24 @@ def to_8_bit(image: Image) -> NDArray[np.uint8]:
 
 def apply_table(image: Image, table: NDArray[np.float64]) -> Image:
     """Map every level of an image through a table over all levels of its dtype, rounded to nearest."""
-    levels = np.clip(np.rint(table), 0, len(table) - 1).astype(image.dtype)
+    levels = np.clip(np.rint(table), 0, len(table) - 1)
+    mapped: Image
     if image.dtype == np.uint8:
-        return np.asarray(cv2.LUT(image, levels)).reshape(image.shape)
-    return levels[image]
+        mapped = np.asarray(cv2.LUT(image, levels.astype(np.uint8)), dtype=np.uint8).reshape(image.shape)
+    else:
+        mapped = levels.astype(np.uint16)[image]
+    return mapped
 
 
 def apply_tables(image: Image, tables: Sequence[NDArray[np.float64]]) -> Image:
     """Map an image through one table, or each colour channel through its own."""
     if len(tables) == 1 or image.ndim == 2:
         return apply_table(image, tables[0])
-    planes = [apply_table(np.ascontiguousarray(image[..., c]), table) for c, table in enumerate(tables)]
-    return np.stack(planes, axis=2)
+    mapped = np.empty_like(image)
+    for channel, table in enumerate(tables):
+        plane = cast(Image, np.ascontiguousarray(image[..., channel]))
+        mapped[..., channel] = apply_table(plane, table)
+    return mapped
 
 
 def dominant_shift_px(left: NDArray[np.uint8], right: NDArray[np.uint8], width: int = 96) -> int:
@@ -63,27 +71,35 @@ def dominant_shift_px(left: NDArray[np.uint8], right: NDArray[np.uint8], width: 
         return 0
     a, b = (_normalised(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)) for image in (left, right))
     limit = int(0.4 * width)
-    scores = np.array([_correlation(a, b, shift) for shift in range(-limit, limit + 1)])
+    scores = _correlations(a, b, limit)
     best = int(np.argmax(scores))
     if scores[best] < 0.1:
         return 0
     return round((best - limit) * left.shape[1] / width)
 
 
-def _normalised(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _normalised(image: NDArray[Any]) -> NDArray[np.float32]:
     values = image.astype(np.float32)
     mean = cv2.blur(values, (9, 9))
     spread = np.sqrt(np.maximum(cv2.blur(values * values, (9, 9)) - mean * mean, 0))
     return np.asarray((values - mean) / (spread + 2.0), dtype=np.float32)
 
 
-def _correlation(left: NDArray[np.float32], right: NDArray[np.float32], shift: int) -> float:
-    a, b = common_view(left, right, shift)
-    norm = float(np.sqrt(np.vdot(a, a) * np.vdot(b, b)))
-    return float(np.vdot(a, b)) / norm if norm > 0 else 0.0
+def _correlations(left: NDArray[np.float32], right: NDArray[np.float32], limit: int) -> NDArray[np.float64]:
+    """Return the normalised correlation of the overlap for every column shift from `-limit` to `limit`."""
+    width = left.shape[1]
+    spectrum = (np.fft.rfft(left, 2 * width, axis=1) * np.conj(np.fft.rfft(right, 2 * width, axis=1))).sum(axis=0)
+    products = np.fft.irfft(spectrum, 2 * width)
+    shifts = np.arange(-limit, limit + 1)
+    left_sum, right_sum = (
+        np.concatenate([[0.0], np.cumsum((x.astype(np.float64) ** 2).sum(axis=0))]) for x in (left, right)
+    )
+    first, last = np.maximum(shifts, 0), width + np.minimum(shifts, 0)  # columns of the left image that overlap
+    energy = (left_sum[last] - left_sum[first]) * (right_sum[last - shifts] - right_sum[first - shifts])
+    return np.asarray(products[shifts] / np.sqrt(np.maximum(energy, 1e-9)), dtype=np.float64)
 
 
-def common_view(left: NDArray, right: NDArray, shift_px: int) -> tuple[NDArray, NDArray]:
+def common_view(left: NDArray[Any], right: NDArray[Any], shift_px: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Cut both images to the columns they share when the scene is shifted by `shift_px` (left minus right column)."""
     width = left.shape[1]
     shift = int(np.clip(shift_px, -width + 1, width - 1))
@@ -92,7 +108,7 @@ def common_view(left: NDArray, right: NDArray, shift_px: int) -> tuple[NDArray, 
     return left[:, : width + shift], right[:, -shift:]
 
 
-def normalise_contrast(image: NDArray, sigma_px: float, eps: float) -> NDArray[np.float32]:
+def normalise_contrast(image: NDArray[Any], sigma_px: float, eps: float) -> NDArray[np.float32]:
     """Return `(g - mean_s) / (std_s + eps)` with Gaussian windows, float32, shape of the image.
 
     Parameters

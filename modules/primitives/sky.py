@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from modules.types import Mask
 
+VIGNETTE_DN = 45.0  # how much darker the corners of the sky may be than its mean has to be
+
 
 def find_sky(
     gray: NDArray[np.uint8], texture_dn: float = 4.0, brighter_dn: float = 10.0, max_edge_dn: float = 10.0
@@ -42,11 +44,18 @@ def find_sky(
     spread = np.sqrt(np.maximum(cv2.blur(values * values, (7, 7)) - mean * mean, 0))
     edge = cv2.magnitude(cv2.Sobel(values, -1, 1, 0, scale=1 / 8), cv2.Sobel(values, -1, 0, 1, scale=1 / 8))
     ground = float(np.median(values[values.shape[0] // 2 :]))
-    smooth = (spread < texture_dn) & (edge < max_edge_dn) & (mean > ground + brighter_dn)
+    smooth = (spread < texture_dn) & (edge < max_edge_dn) & (mean > ground + brighter_dn - VIGNETTE_DN)
     _, labels = cv2.connectedComponents(smooth.astype(np.uint8), connectivity=4)
     top = labels[0]
     ids, counts = np.unique(top[top > 0], return_counts=True)
-    region = np.isin(labels, ids[counts >= 0.2 * len(top)])
+    bright = np.array([float(values[labels == i].mean()) > ground + brighter_dn for i in ids], dtype=bool)
+    main = np.isin(labels, ids[bright & (counts >= 0.2 * len(top))])
+    region = main
+    if main.any():  # the horizon may cut slivers of sky off
+        likeness = np.array(
+            [abs(float(values[labels == i].mean() - values[main].mean())) < 40 for i in ids], dtype=bool
+        )
+        region = main | np.isin(labels, ids[bright & likeness & (counts >= 0.02 * len(top))])
     if not region.any():
         return np.zeros(gray.shape, bool)
     # The windows stop short of the horizon by their half width: grow back over what is as bright, and close holes.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,15 +13,18 @@ Floats: TypeAlias = NDArray[np.float64]
 MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
 
-def robust_sigma(values: NDArray[np.floating]) -> float:
+def robust_sigma(values: NDArray[Any]) -> float:
     """Return the standard deviation of `values` as 1.4826 times their median absolute deviation; 0 if empty."""
     if values.size == 0:
         return 0.0
     return float(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values))))
 
 
-def count_levels(values: NDArray[np.unsignedinteger]) -> Floats:
+def count_levels(values: NDArray[Any]) -> Floats:
     """Return the histogram of an unsigned image: float64 (256,) or (65536,), counts."""
+    if values.dtype == np.uint8:
+        counts = cv2.calcHist([np.ascontiguousarray(values).reshape(-1, 1)], [0], None, [256], [0, 256])
+        return np.asarray(counts, dtype=np.float64).ravel()  # float32 counts are exact up to 16 megapixels
     return np.bincount(values.ravel(), minlength=int(np.iinfo(values.dtype).max) + 1).astype(np.float64)
 
 
@@ -118,10 +121,12 @@ def fit_linear(
     P. J. Huber, Robust Statistics, 1981; A. E. Beaton and J. W. Tukey, Technometrics 1974.
     """
     weights = np.ones(len(values))
-    coefficients = np.zeros(design.shape[1])
+    coefficients: Floats = np.zeros(design.shape[1])
     for step in range(iterations):
         weighted = design * weights[:, None]
-        coefficients = np.linalg.lstsq(weighted.T @ design, weighted.T @ values, rcond=None)[0]
+        coefficients = np.asarray(
+            np.linalg.lstsq(weighted.T @ design, weighted.T @ values, rcond=None)[0], dtype=np.float64
+        )
         residual = values - design @ coefficients
         scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), scale_floor)
         relative = np.abs(residual) / scale
@@ -164,8 +169,3 @@ def entropy_bits(counts: Floats) -> float:
     """Return the Shannon entropy of a histogram in bits."""
     share = counts[counts > 0] / max(float(counts.sum()), 1.0)
     return float(-(share * np.log2(share)).sum()) + 0.0
-
-
-def tabulate(function: Callable[[Floats], Floats], levels: int) -> Floats:
-    """Return the table of an intensity function over all levels, clipped to the range of the dtype."""
-    return np.clip(function(np.arange(levels, dtype=np.float64)), 0, levels - 1)

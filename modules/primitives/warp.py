@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +40,8 @@ def warp(image: Image, x_px: NDArray[np.float32], y_px: NDArray[np.float32]) -> 
     inside : bool (H, W)
         True where the position read lies inside the image.
     """
-    warped = cv2.remap(image, x_px, y_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    warped: Any = cv2.remap(image, x_px, y_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     height, width = image.shape[:2]
     slack = 1e-3  # float32 coordinates of the border itself
     inside = (x_px >= -slack) & (x_px <= width - 1 + slack) & (y_px >= -slack) & (y_px <= height - 1 + slack)
-    return np.asarray(warped), inside
+    return warped, inside
