@@ -16,7 +16,7 @@ from modules.types import FloatImage, Invalid, Matching
 class CheckLeftRightParams(OperatorParams):
     """Parameters of `check_left_right`."""
 
-    tolerance_px: float = Field(1.0, ge=0.25, le=8.0, description="Largest difference of the two disparities, px")
+    tolerance_px: float = Field(1.5, ge=0.25, le=8.0, description="Largest difference of the two disparities, px")
     unconfirmed: Literal["keep", "reject"] = Field(
         "keep", description="What to do where the match itself has no disparity, so that nothing speaks for or against"
     )

@@ -16,7 +16,7 @@ from modules.types import Invalid, Matching
 class RemoveSpecklesParams(OperatorParams):
     """Parameters of `remove_speckles`."""
 
-    max_size_px: int = Field(50, ge=0, le=100000, description="Largest area of an island that is removed, px")
+    max_size_px: int = Field(100, ge=0, le=100000, description="Largest area of an island that is removed, px")
     max_difference_px: float = Field(
         1.0, ge=0.0625, le=16.0, description="Largest difference of neighbours in one island, px"
     )

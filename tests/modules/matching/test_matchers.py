@@ -109,6 +109,14 @@ def test_unrelated_images_leave_almost_nothing_after_the_checks(name: str) -> No
 
 
 @pytest.mark.parametrize("name", MATCHERS)
+def test_unrelated_images_leave_little_even_without_the_uniqueness_check(name: str) -> None:
+    state = match(Views(texture(200, 300, 1), texture(200, 300, 2)), 0, 64, name)
+    state = apply(apply(state, "matching.check_left_right"), "matching.remove_speckles", max_size_px=200)
+    assert state.disparity is not None
+    assert state.disparity.valid.mean() <= 0.05
+
+
+@pytest.mark.parametrize("name", MATCHERS)
 def test_masked_pixels_and_pixels_whose_match_is_masked_are_rejected(name: str) -> None:
     views = shifted(7)
     left_mask = np.ones(views.shape, bool)
