@@ -113,7 +113,7 @@ def _harmonic(elevation: NDArray[np.float32], known: Mask, gap: Mask) -> NDArray
     ).tocsc()
     mean = float(np.mean(elevation[known], dtype=np.float64))
     result = elevation.copy()
-    result[gap] = np.atleast_1d(spsolve(matrix, right + pull * mean))
+    result[gap] = np.atleast_1d(spsolve(matrix, right + pull * mean, permc_spec="MMD_AT_PLUS_A"))
     return result
 
 

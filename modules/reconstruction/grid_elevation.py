@@ -13,6 +13,7 @@ from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.types import ElevationMap, Scene
 
 MAD_TO_SIGMA = 1.4826
+VALUE_BITS = 32  # a range of 100 m in steps of 0.02 um; 31 bits are left for the cell
 
 
 class GridElevationParams(OperatorParams):
@@ -103,13 +104,17 @@ def grid_elevation(scene: Scene, params: GridElevationParams) -> Scene:
 
 
 def _grouped_median(group: NDArray[np.int64], value: NDArray[np.float64], groups: int) -> NDArray[np.float64]:
-    """Return the median (groups,) of the values of each group, NaN where there is none."""
-    order = np.lexsort((value, group))
+    """Return the median (groups,) of the values of each group to 32 bits of their range, NaN where there is none."""
+    # One sort of integers, group above and value below, is several times faster than a lexical sort of floats.
+    lowest = float(value.min())
+    step = max(float(value.max()) - lowest, 1e-12) / (2**VALUE_BITS - 1)
+    key = (group << VALUE_BITS) | np.rint((value - lowest) / step).astype(np.int64)
+    key.sort()
+    ordered = lowest + (key & (2**VALUE_BITS - 1)) * step
     count = np.bincount(group, minlength=groups)
     start = np.cumsum(count) - count
     result = np.full(groups, np.nan)
     some = count > 0
-    ordered = value[order]
     low = ordered[(start + (count - 1) // 2)[some]]
     high = ordered[(start + count // 2)[some]]
     result[some] = 0.5 * (low + high)
@@ -130,7 +135,7 @@ OPERATOR = Operator(
     slot="grid",
     params=GridElevationParams,
     function=grid_elevation,
-    cost=Cost(fixed_ms=5.0, ns_per_pixel=250.0),
+    cost=Cost(fixed_ms=5.0, ns_per_pixel=150.0),
     summary="Averages the points of every cell into an elevation grid with its uncertainty.",
     suits="2.5D terrain; choose cells no smaller than the point spacing at the range that matters.",
 )

@@ -152,7 +152,7 @@ OPERATOR = Operator(
     slot="frame",
     params=LevelByGroundPlaneParams,
     function=level_by_ground_plane,
-    cost=Cost(fixed_ms=30.0, ns_per_pixel=5.0),
+    cost=Cost(fixed_ms=30.0, ns_per_pixel=30.0),
     summary="Fits the dominant ground plane and takes it as level.",
     suits="Without a measured attitude, where most near pixels are gently rolling ground; hides its mean slope.",
     needs=("calibration",),
