@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from modules.types import Mask
 
-VIGNETTE_DN = 45.0  # how much darker the corners of the sky may be than its mean has to be
+VIGNETTE_DN = 60.0  # how much darker the corners of the sky may be than its mean has to be
+SMOOTHER = 0.35  # local deviation of a dim sky over that of the lower half of the image
 
 
 def find_sky(
@@ -16,8 +17,8 @@ def find_sky(
 ) -> Mask:
     """Return the smooth bright region that is connected with the top border.
 
-    Works on a copy about 320 px wide: smooth pixels, brighter than the median of the lower half, connected with the top
-    row without crossing an edge, and covering at least a fifth of the top row.
+    Works on a copy about 320 px wide: smooth pixels, brighter or far smoother than the lower half,
+    connected with the top rows without crossing an edge, and covering at least a fifth of the top row.
 
     Parameters
     ----------
@@ -46,9 +47,11 @@ def find_sky(
     ground = float(np.median(values[values.shape[0] // 2 :]))
     smooth = (spread < texture_dn) & (edge < max_edge_dn) & (mean > ground + brighter_dn - VIGNETTE_DN)
     _, labels = cv2.connectedComponents(smooth.astype(np.uint8), connectivity=4)
-    top = labels[0]
+    # A black frame or a strip of padding may lie above the sky: the top 5 % of the rows count as the border.
+    top = labels[: max(1, values.shape[0] // 20)].max(axis=0)
     ids, counts = np.unique(top[top > 0], return_counts=True)
-    bright = np.array([float(values[labels == i].mean()) > ground + brighter_dn for i in ids], dtype=bool)
+    calm = SMOOTHER * float(np.median(spread[values.shape[0] // 2 :]))  # a dim sky is at least far smoother
+    bright = np.array([_is_sky(values, spread, labels == i, ground + brighter_dn, calm) for i in ids], dtype=bool)
     main = np.isin(labels, ids[bright & (counts >= 0.2 * len(top))])
     region = main
     if main.any():  # the horizon may cut slivers of sky off
@@ -66,3 +69,10 @@ def find_sky(
     region |= grown & (np.abs(values - level) < 2.5 * texture_dn)
     filled = cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     return np.asarray(cv2.resize(filled, (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def _is_sky(
+    values: NDArray[np.float32], spread: NDArray[np.float32], region: Mask, bright_dn: float, calm_dn: float
+) -> bool:
+    level = float(values[region].mean())
+    return level > bright_dn or (level > bright_dn - VIGNETTE_DN / 2 and float(np.median(spread[region])) < calm_dn)
