@@ -7,7 +7,7 @@ the other engine is compared with.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from threading import Lock
 
@@ -68,20 +68,31 @@ class Conjunction:
             _test(condition, scope, evaluator) for condition in conditions if not isinstance(condition, Comparison)
         )
 
-    def solutions(self, bindings: dict[str, Fact], store: Store, level: int = 0) -> Iterator[dict[str, Fact]]:
+    def solutions(self, bindings: Mapping[str, Fact], store: Store) -> Iterator[dict[str, Fact]]:
         """Yield every extension of the bindings that satisfies the conditions."""
-        for check in self._checks[level]:
-            if not check(bindings):
+        found = dict(bindings)
+        for check in self._checks[0]:
+            if not check(found):
                 return
+        yield from self._extend(found, store, 0)
+
+    def _extend(self, found: dict[str, Fact], store: Store, level: int) -> Iterator[dict[str, Fact]]:
+        """Bind the aliases from one on; `found` is changed on the way and copied where it is yielded."""
         if level == len(self._aliases):
             for test in self._tests:
-                if not test(bindings, store):
+                if not test(found, store):
                     return
-            yield bindings
+            yield found.copy()
             return
         alias, template = self._aliases[level]
+        checks = self._checks[level + 1]
         for fact in store.get(template, ()):
-            yield from self.solutions({**bindings, alias: fact}, store, level + 1)
+            found[alias] = fact
+            for check in checks:
+                if not check(found):
+                    break
+            else:
+                yield from self._extend(found, store, level + 1)
 
     def holds(self, bindings: dict[str, Fact], store: Store) -> bool:
         """Say whether some extension of the bindings satisfies the conditions."""
@@ -114,19 +125,26 @@ def _test(condition: Condition, scope: frozenset[str], evaluator: Evaluator) -> 
 
 @dataclass(frozen=True)
 class CompiledRule:
-    """A rule, its closures, and the findings that make it worth trying again."""
+    """A rule, its closures, and the findings it asserts."""
 
     rule: Rule
     when: Conjunction
-    uses: frozenset[str]
     findings: tuple[Fact, ...]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Rules that are run to their fixpoint together, and which of them each finding makes worth trying again."""
+
+    rules: tuple[CompiledRule, ...]
+    users: Mapping[str, tuple[CompiledRule, ...]]
 
 
 @dataclass(frozen=True)
 class Program:
     """The compiled rules of one stage, in layers."""
 
-    layers: tuple[tuple[CompiledRule, ...], ...]
+    layers: tuple[Layer, ...]
     evaluator: Evaluator
 
 
@@ -138,12 +156,18 @@ def compile_stage(rules: RuleBase, stage: Stage, vocabulary: Vocabulary) -> Prog
         return CompiledRule(
             rule,
             Conjunction(rule.when, frozenset(), evaluator),
-            frozenset(use.name for use in uses(rule.when)),
             tuple(fact for fact in map(finding_of, rule.then) if fact is not None),
         )
 
-    layers = stratify(rules.of_stage(stage))
-    return Program(tuple(tuple(compile_rule(rule) for rule in layer) for layer in layers), evaluator)
+    def compile_layer(members: Sequence[Rule]) -> Layer:
+        compiled = tuple(compile_rule(rule) for rule in members)
+        users: dict[str, list[CompiledRule]] = {}
+        for item in compiled:
+            for name in sorted({use.name for use in uses(item.rule.when)}):
+                users.setdefault(name, []).append(item)
+        return Layer(compiled, {name: tuple(items) for name, items in users.items()})
+
+    return Program(tuple(map(compile_layer, stratify(rules.of_stage(stage)))), evaluator)
 
 
 class CompiledEngine:
@@ -187,12 +211,10 @@ class CompiledEngine:
         return record.finish(known)
 
 
-def _run(
-    layer: tuple[CompiledRule, ...], evaluator: Evaluator, known: dict[Fact, None], store: Store, record: Record
-) -> None:
+def _run(layer: Layer, evaluator: Evaluator, known: dict[Fact, None], store: Store, record: Record) -> None:
     """Run one layer to its fixpoint."""
-    waiting = deque(layer)
-    queued = {item.rule.id for item in layer}
+    waiting = deque(layer.rules)
+    queued = {item.rule.id for item in layer.rules}
     while waiting:
         item = waiting.popleft()
         queued.discard(item.rule.id)
@@ -202,15 +224,13 @@ def _run(
             key = tuple(sorted(bindings.items(), key=lambda pair: pair[0]))
             if not record.knows(item.rule.id, key):
                 record.add(Firing(item.rule.id, key, evaluator.actions(item.rule.then, bindings)))
-        new = [fact for fact in item.findings if fact not in known] if fired else []
-        if not new:
-            continue
-        for fact in new:
-            if fact not in known:
-                known[fact] = None
-                store.setdefault("finding", []).append(fact)
-        names = {EVERY_FINDING, *(str(fact.get("name")) for fact in new)}
-        for other in layer:
-            if other.uses & names and other.rule.id not in queued:
-                queued.add(other.rule.id)
-                waiting.append(other)
+        for fact in item.findings if fired else ():
+            if fact in known:
+                continue
+            known[fact] = None
+            store.setdefault("finding", []).append(fact)
+            for name in (EVERY_FINDING, str(fact.get("name"))):
+                for other in layer.users.get(name, ()):
+                    if other.rule.id not in queued:
+                        queued.add(other.rule.id)
+                        waiting.append(other)

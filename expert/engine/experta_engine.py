@@ -41,7 +41,7 @@ class Row:
 class TotalOrder(Strategy):
     """Agenda order by salience, production, bindings and facts; the last activation is the next to run."""
 
-    def _update_agenda(self, agenda: Any, added: Iterable[Any], removed: Iterable[Any]) -> None:
+    def _update_agenda(self, agenda: Any, added: Sequence[Any], removed: Sequence[Any]) -> None:
         for activation in removed:
             activation.key = _agenda_key(activation)
             index = bisect.bisect_left(agenda.activations, activation)
@@ -50,7 +50,8 @@ class TotalOrder(Strategy):
         for activation in added:
             activation.key = _agenda_key(activation)
             agenda.activations.append(activation)
-        agenda.activations.sort(key=lambda activation: activation.key)
+        if added:
+            agenda.activations.sort(key=lambda activation: activation.key)
 
 
 def _agenda_key(activation: Any) -> tuple[Any, ...]:

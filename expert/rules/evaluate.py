@@ -149,6 +149,8 @@ class Evaluator:
         name, template, field, op = comparison.name, comparison.fact, comparison.field, comparison.op
         limit = self._limit(comparison.value, {})
         uncertain = op.startswith("significantly")
+        if op in _ORDERS and _is_number(limit):
+            return _constant_order(name, template, field, op, limit)
 
         def check(bindings: Bindings) -> bool:
             fact = bindings.get(name)
@@ -261,6 +263,20 @@ _ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
     "abs_gt": lambda value, limit: abs(value) > limit,
     "abs_ge": lambda value, limit: abs(value) >= limit,
 }
+
+
+def _constant_order(name: str, template: str, field: str, op: str, limit: Any) -> Callable[[Bindings], bool]:
+    """Return the most frequent comparison, of a number with a constant, by the shortest way."""
+    order = _ORDERS[op]
+
+    def check(bindings: Bindings) -> bool:
+        fact = bindings.get(name)
+        if fact is None or fact.template != template:
+            return False
+        value = fact.get(field)
+        return _is_number(value) and _finite(value) is not None and order(value, limit)
+
+    return check
 
 
 def _significant(op: str, value: Any, limit: Any, sigma: Any) -> bool:
