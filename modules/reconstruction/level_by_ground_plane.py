@@ -30,6 +30,9 @@ class LevelByGroundPlaneParams(OperatorParams):
     min_inlier_fraction: float = Field(
         0.3, ge=0.05, le=1.0, description="Smallest fraction of the pixels that must lie on the plane"
     )
+    ground_slope_sigma_deg: float = Field(
+        2.0, ge=0.0, le=45.0, description="Standard deviation of the real slope of the ground, unknown to the fit, deg"
+    )
     max_tilt_deg: float = Field(60.0, ge=1.0, le=89.0, description="Largest tilt of the ground against the body, deg")
 
 
@@ -103,7 +106,9 @@ def level_by_ground_plane(scene: Scene, params: LevelByGroundPlaneParams) -> Sce
         residual_m=float(np.sqrt(np.mean(heights**2))),
         inlier_fraction=fraction,
     )
-    return replace(scene, ground=ground, attitude=Attitude(roll_rad=roll, pitch_rad=pitch, sigma_rad=sigma))
+    # The jackknife knows how well the plane is determined, not how far the ground itself is from level.
+    total = math.hypot(sigma, math.radians(params.ground_slope_sigma_deg))
+    return replace(scene, ground=ground, attitude=Attitude(roll_rad=roll, pitch_rad=pitch, sigma_rad=total))
 
 
 def _near_pixels(

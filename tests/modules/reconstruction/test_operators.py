@@ -90,7 +90,8 @@ def test_ground_plane_levelling_recovers_roll_pitch_and_height():
     assert math.degrees(levelled.attitude.roll_rad) == pytest.approx(5.0, abs=0.1)
     assert math.degrees(levelled.attitude.pitch_rad) == pytest.approx(-8.0, abs=0.1)
     assert levelled.ground.height_m == pytest.approx(0.0, abs=0.01)
-    assert levelled.attitude.sigma_rad < math.radians(0.2)
+    assert levelled.ground.sigma_tilt_rad < math.radians(0.2)
+    assert levelled.attitude.sigma_rad > math.radians(2.0)  # the slope of the ground is unknown
 
 
 def test_ground_plane_levelling_puts_the_ground_at_zero_without_a_mount():
