@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -219,8 +220,12 @@ def render_terrain(params: TerrainParams) -> RenderedPair:
     occluded[occluded] = hidden
 
     right_distance = field.cast(right_centre, directions)
-    left = _image(field, calibration, rotation, centre, distance, params)
-    right = _image(field, calibration, rotation, right_centre, right_distance, params)
+    with ThreadPoolExecutor(2) as pool:  # the kernels release the interpreter lock
+        futures = [
+            pool.submit(_image, field, calibration, rotation, eye, along, params)
+            for eye, along in ((centre, distance), (right_centre, right_distance))
+        ]
+        left, right = (future.result() for future in futures)
     pair = RenderedPair(
         left,
         right,

@@ -48,9 +48,7 @@ def test_the_right_image_shows_the_same_colour_at_the_disparity(pair: RenderedPa
     assert np.median(wrong[pair.nonocc]) > 2 * np.median(error[pair.nonocc])
 
 
-@pytest.mark.parametrize(
-    ("roll", "pitch", "yaw"), [(0.0, 0.0, 0.0), (8.0, -5.0, 0.0), (-6.0, 10.0, 40.0), (3.0, 4.0, -150.0)]
-)
+@pytest.mark.parametrize(("roll", "pitch", "yaw"), [(8.0, -5.0, 0.0), (-6.0, 10.0, 40.0), (3.0, 4.0, -150.0)])
 def test_triangulated_points_lie_on_the_terrain(roll: float, pitch: float, yaw: float) -> None:
     params = TerrainParams(
         seed=5, width_px=160, height_px=120, focal_px=125, supersample=1, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw
@@ -75,7 +73,7 @@ def test_triangulated_points_lie_on_the_terrain(roll: float, pitch: float, yaw: 
     assert np.nanmedian(difference) < 0.01
 
 
-@pytest.mark.parametrize("pitch", [-4.0, 0.0, 7.0])
+@pytest.mark.parametrize("pitch", [-4.0, 7.0])
 def test_flat_ground_under_pitch_has_the_closed_form_disparity(pitch: float) -> None:
     pair = render_terrain(TerrainParams(**SMALL, **FLAT, supersample=1, pitch_deg=pitch))
     c = pair.calibration
@@ -114,7 +112,7 @@ def test_occluded_pixels_look_different_in_the_right_image(pair: RenderedPair) -
 
 
 def test_equal_parameters_give_equal_bits_and_another_seed_does_not() -> None:
-    tiny = {"width_px": 80, "height_px": 60, "focal_px": 62.5, "cell_m": 0.2}
+    tiny = {"width_px": 80, "height_px": 60, "focal_px": 62.5, "cell_m": 0.2, "supersample": 1}
     first, again, other = (render_terrain(TerrainParams(seed=seed, **tiny)) for seed in (3, 3, 4))
     assert np.array_equal(again.left, first.left)
     assert np.array_equal(again.right, first.right)
