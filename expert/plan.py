@@ -106,9 +106,9 @@ class Directives(Record):
     adjustments: tuple[Adjustment, ...] = ()
 
 
-def _slot_of(name: str, slot: str | None, operators: Mapping[str, Operator]) -> str:
+def _slot_of(name: str, slot: str | None, stage: Stage, operators: Mapping[str, Operator]) -> str:
     if name == NONE:
-        return slot or ""
+        return f"{stage}.{slot}"
     operator = operators[name]
     return f"{operator.stage}.{operator.slot}"
 
@@ -132,7 +132,7 @@ def proposals(
                 priority=rule.priority,
                 parameters=dict(resolved.values),
             )
-            slot_candidates = found.setdefault(_slot_of(name, action.slot, operators), [])
+            slot_candidates = found.setdefault(_slot_of(name, action.slot, rule.stage, operators), [])
             if candidate not in slot_candidates:
                 slot_candidates.append(candidate)
     return found

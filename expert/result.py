@@ -19,6 +19,9 @@ from modules.formats.points import write_ply
 from modules.types import Disparity, ElevationMap, FloatImage, Invalid, PointCloud, Views
 
 
+MAX_PNG_PX = 255.99  # a 16-bit PNG of 1/256 px ends here; the PFM holds every disparity
+
+
 @dataclass(frozen=True)
 class Result:
     """Products of one pair.
@@ -94,7 +97,10 @@ class Result:
         disparity, points, elevation = self.disparity, self.points, self.elevation
         if disparity is not None:
             writers["disparity.pfm"] = lambda path: write_pfm(path, disparity.disparity_px)
-            writers["disparity.png"] = lambda path: write_disparity_png(path, disparity.disparity_px)
+            storable = np.where(
+                (disparity.disparity_px > 0) & (disparity.disparity_px < MAX_PNG_PX), disparity.disparity_px, np.nan
+            )
+            writers["disparity.png"] = lambda path: write_disparity_png(path, storable.astype(np.float32))
         if points is not None:
             writers["points.ply"] = lambda path: write_ply(path, points)
         if elevation is not None:

@@ -1,0 +1,1 @@
+"""The shipped knowledge: rules.yaml and the cases that prove each rule."""
