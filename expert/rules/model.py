@@ -230,7 +230,7 @@ _ACTIONS = ("derive", "measure", "choose", "exclude", "set", "assess", "adjust",
 
 
 def _action_kind(value: Any) -> str | None:
-    keys = value if isinstance(value, dict) else type(value).model_fields
+    keys = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
     return next((kind for kind in _ACTIONS if kind in keys), None)
 
 

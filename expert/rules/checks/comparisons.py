@@ -62,7 +62,8 @@ def _check_against_field(scope: RuleScope, info: FieldInfo, op: str, value: Any,
         if threshold.unit != info.unit and info.kind in ("number", "integer"):
             message = f"threshold '{value.threshold}' is in {threshold.unit}, '{info.name}' in {info.unit}"
             scope.complain(path, "wrong-unit", message, "compare quantities of one unit")
-        _check_scalar(scope, info, op, threshold.value, path)
+        else:
+            _check_scalar(scope, info, op, threshold.value, path)
     elif isinstance(value, FieldRef):
         other = scope.field_of(value)
         if other is None:
