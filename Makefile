@@ -12,7 +12,7 @@ HASH := $(shell cat requirements.lock pyproject.toml | cksum | cut -d ' ' -f 1)
 STAMP := $(VENV)/.terrex-$(HASH)
 
 # Run one tool; its output is shown only when it fails.
-quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; echo "$$out"; exit 1; fi
+quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
 .PHONY: help env demo test lint unit doctest property bench fmt lock wheel clean
 .DEFAULT_GOAL := help
