@@ -86,11 +86,11 @@ def shipped() -> tuple[RuleBase, Vocabulary] | None:
     """Return the shipped rules, if they can be loaded."""
     try:
         from expert.rules.load import load_rules
-        from modules.catalog import OPERATORS, PROBES
+        from modules.catalog import operators, probes
     except ImportError:
         return None
-    words = vocabulary(PROBES.values())
-    return load_rules(None, words, OPERATORS, PROBES).base, words
+    words = vocabulary(probes().values())
+    return load_rules(None, words, operators(), probes()).base, words
 
 
 def main() -> None:
