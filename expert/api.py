@@ -17,6 +17,7 @@ from expert.pair import StereoPair
 from expert.plan import Directives
 from expert.result import Result
 from expert.rules.load import load_rules
+from expert.rules.model import STAGES
 from expert.supervise import Knowledge, Run, StepFailed
 from modules.catalog import operators, probes
 from modules.measurement.sample import Sample
@@ -84,8 +85,8 @@ class ExpertSystem:
             With status `decided`, or `failed` where a critical finding forbids a reconstruction.
         """
         run = self._begin(pair, progress)
-        for stage in ("correction", "matching", "reconstruction"):
-            run.plan(stage)  # type: ignore[arg-type]
+        for stage in STAGES[1:]:
+            run.plan(stage)
         return self._decision(pair, run, "failed" if run.critical() else "decided")
 
     def reconstruct(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Result:

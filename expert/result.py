@@ -18,7 +18,6 @@ from modules.formats.images import write_image
 from modules.formats.points import write_ply
 from modules.types import Disparity, ElevationMap, FloatImage, Invalid, PointCloud, Views
 
-
 MAX_PNG_PX = 255.99  # a 16-bit PNG of 1/256 px ends here; the PFM holds every disparity
 
 

@@ -14,8 +14,9 @@ from types import MappingProxyType
 import modules.correction
 import modules.matching
 import modules.measurement
+import modules.measurement.disparity_quality as disparity_quality
+import modules.measurement.terrain_quality as terrain_quality
 import modules.reconstruction
-from modules.measurement import disparity_quality, terrain_quality
 from modules.operator import Operator
 from modules.probe import Probe
 

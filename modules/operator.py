@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class OperatorParams(BaseModel):
-    """Base of all parameter models: frozen, closed, finite numbers; every field has a default, a range, a description."""
+    """Base of all parameter models: frozen, closed; every field has a default, a range and a description."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -51,7 +51,7 @@ def quantity(
     default : any
         Default value; None makes the field optional.
     """
-    extra = {"unit": unit, "resolution": resolution, "sigma": sigma}
+    extra: dict[str, Any] = {"unit": unit, "resolution": resolution, "sigma": sigma}
     return Field(default, description=description, ge=ge, le=le, json_schema_extra=extra)
 
 

@@ -5,15 +5,18 @@ Exit codes: 0 done; 1 done, with findings that the caller must act on; 2 wrong u
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from expert.api import ExpertSystem
+    from expert.pair import StereoPair
+    from modules.types import Attitude
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -28,19 +31,8 @@ RangeOption = Annotated[
 ]
 
 
-class Profile(str, Enum):
-    """Trade of accuracy against time."""
-
-    fast = "fast"
-    balanced = "balanced"
-    best = "best"
-
-
-class EngineName(str, Enum):
-    """Inference engine."""
-
-    experta = "experta"
-    compiled = "compiled"
+Profile = Literal["fast", "balanced", "best"]
+EngineName = Literal["experta", "compiled"]
 
 
 class UsageError(Exception):
@@ -59,30 +51,32 @@ def _progress() -> Iterator[Callable[[str], None] | None]:
         yield status.update
 
 
-def _pair(left, right, calibration, attitude, angles, disparity_range):  # type: ignore[no-untyped-def]
+def _pair(
+    left: Path,
+    right: Path,
+    calibration: Path | None,
+    attitude: Path | None,
+    angles: tuple[float | None, float | None, float | None],
+    disparity_range: tuple[int, int] | None,
+) -> StereoPair:
     from expert.pair import StereoPair
-    from modules.formats.attitude import check_attitude
-    from modules.types import Attitude
+    from modules.formats import attitude_from_degrees, read_attitude
 
     stated: Attitude | None = None
     if any(angle is not None for angle in angles):
         if attitude is not None:
             raise UsageError("give --attitude FILE or --roll --pitch --yaw, not both")
-        roll, pitch, yaw = (math.radians(angle or 0.0) for angle in angles)
-        stated = check_attitude(Attitude(roll, pitch, yaw), "the command line")
-    return StereoPair.load(
-        left,
-        right,
-        calibration=calibration,
-        attitude=attitude or stated,
-        disparity_range_px=disparity_range,
-    )
+        roll, pitch, yaw = (angle or 0.0 for angle in angles)
+        stated = attitude_from_degrees(roll, pitch, yaw)
+    elif attitude is not None:
+        stated = read_attitude(attitude)
+    return StereoPair.load(left, right, calibration=calibration, attitude=stated, disparity_range_px=disparity_range)
 
 
-def _system(rules, profile, engine):  # type: ignore[no-untyped-def]
+def _system(rules: list[Path] | None, profile: Profile, engine: EngineName) -> ExpertSystem:
     from expert.api import ExpertSystem
 
-    return ExpertSystem(rules=rules or [], profile=profile.value, engine=engine.value)
+    return ExpertSystem(rules=rules or [], profile=profile, engine=engine)
 
 
 @app.command()
@@ -96,16 +90,16 @@ def run(
     yaw: Degrees = None,
     rules: RulesOption = None,
     disparity_range: RangeOption = None,
-    profile: Profile = Profile.balanced,
-    engine: EngineName = EngineName.experta,
+    profile: Profile = "balanced",
+    engine: EngineName = "experta",
     out: Annotated[Path, typer.Option(help="Folder for the products; appears whole or not at all")] = Path(
         "terrex-out"
     ),
 ) -> None:
     """Reconstruct a stereo pair and write all products and the report."""
-    from modules.formats.atomic import check_writable
+    from modules.formats.atomic import check_folder
 
-    check_writable(out)
+    check_folder(out)
     pair = _pair(left, right, calibration, attitude, (roll, pitch, yaw), disparity_range)
     system = _system(rules, profile, engine)
     with _progress() as progress:
@@ -128,8 +122,8 @@ def decide(
     yaw: Degrees = None,
     rules: RulesOption = None,
     disparity_range: RangeOption = None,
-    profile: Profile = Profile.balanced,
-    engine: EngineName = EngineName.experta,
+    profile: Profile = "balanced",
+    engine: EngineName = "experta",
     json: Annotated[bool, typer.Option("--json", help="Print the whole record")] = False,
 ) -> None:
     """Measure a pair and print what would be done and why; nothing is matched."""
@@ -152,9 +146,31 @@ def simulate(
     distortion: Annotated[str, typer.Option(help="Reference distortion of the right camera")] = "clean",
 ) -> None:
     """Render a rough-terrain pair with its exact truth."""
-    from expert.simulate import write_simulation
+    from modules.formats.simulation import write_rendered_pair
+    from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, distort_right, render_terrain
+    from modules.types import Views
 
-    write_simulation(out, seed=seed, attitude_deg=(roll, pitch, yaw), distortion=distortion)
+    if distortion not in REFERENCE_DISTORTIONS:
+        raise UsageError(f"there is no distortion {distortion!r}; known: {', '.join(REFERENCE_DISTORTIONS)}")
+    try:
+        params = TerrainParams(seed=seed, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    with _progress() as progress:
+        if progress:
+            progress("rendering")
+        rendered = render_terrain(params)
+    views = distort_right(Views(rendered.left, rendered.right), distortion, seed=seed)
+    write_rendered_pair(
+        out,
+        views,
+        rendered.calibration,
+        rendered.mount,
+        rendered.attitude,
+        rendered.disparity_px,
+        rendered.occluded,
+        rendered.elevation,
+    )
     typer.echo(f"written to {out}")
 
 

@@ -27,6 +27,7 @@ from expert.rules.model import (
 from expert.rules.strata import conditions_of
 
 MAX_BINDINGS = 5000
+UNORDERED = frozenset({"present", "absent", "eq", "ne", "in", "not_in"})
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,10 @@ class Judge:
     def at_boundary(self, rule: Rule) -> bool:
         """Say whether some comparison of the rule is exactly at its limit."""
         comparisons = [item for item, _, _ in walk(rule) if isinstance(item, Comparison)]
-        for bindings in self._bindings(comparisons, {}):
-            for item in comparisons:
+        ordered = [item for item in comparisons if item.op not in UNORDERED]
+        present = {fact.template for fact in self._facts}
+        for bindings in self._bindings([item for item in comparisons if item.fact in present], {}):
+            for item in ordered:
                 value, limit = self._evaluator.sides(item, bindings)
                 if isinstance(value, int | float) and not isinstance(value, bool):
                     value = abs(value) if item.op.startswith("abs_") else value
@@ -147,7 +150,7 @@ class Judge:
 def has_boundary(rule: Rule, vocabulary: Vocabulary) -> bool:
     """Say whether a rule compares some number with a limit, so that a case at the limit is possible."""
     for condition, _, _ in walk(rule):
-        if isinstance(condition, Comparison) and condition.op not in ("present", "absent", "eq", "ne", "in", "not_in"):
+        if isinstance(condition, Comparison) and condition.op not in UNORDERED:
             template = vocabulary.get(condition.fact)
             info = template.fields.get(condition.field or "") if template else None
             if info is None or info.kind in ("number", "integer"):

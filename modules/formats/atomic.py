@@ -14,6 +14,21 @@ from modules.formats.errors import FormatError
 MARK = ".terrex"  # says that a folder was written here and may be replaced
 
 
+def check_folder(out: Path | str) -> None:
+    """Check, before any work is done, that `whole_folder(out)` will be able to write.
+
+    Raises
+    ------
+    FormatError
+        When `out` is a file, holds files of somebody else, or its parent cannot be written.
+    """
+    target = Path(out).resolve()
+    _check_replaceable(Path(out), target)
+    parent = next(folder for folder in target.parents if folder.exists())
+    if not os.access(parent, os.W_OK | os.X_OK):
+        raise FormatError(f"{out} cannot be written ({parent} is read-only); choose a folder you may write to")
+
+
 @contextmanager
 def whole_folder(out: Path | str) -> Iterator[Path]:
     """Give a temporary sibling folder that takes the place of `out` when the block ends without an exception.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -103,7 +104,7 @@ def _parameter_warnings(scope: RuleScope, name: str, parameter: str, operand: An
     if interval is None:
         return
     low, high = limits_of(operator.params, parameter)
-    if interval[0] < low or interval[1] > high:
+    if -math.inf < interval[0] < low or high < interval[1] < math.inf:
         message = (
             f"'{parameter}' of '{name}' may become {interval[0]:g} to {interval[1]:g}, allowed is {low:g} to {high:g}"
         )
@@ -115,7 +116,10 @@ def _parameter_warnings(scope: RuleScope, name: str, parameter: str, operand: An
 
 
 def formula_warnings(context: Context) -> list[Problem]:
-    """Return computed parameters that may leave their range for some values of the facts."""
+    """Return computed parameters that may leave their range for some values of the facts.
+
+    An end that is not known, because a field has no declared range, is not reported.
+    """
     problems: list[Problem] = []
     for rule, origin in context.merged.rules.values():
         scope = RuleScope.of(context, rule, origin)
