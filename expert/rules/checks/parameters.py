@@ -110,9 +110,9 @@ def _validation_words(error: Any, label: str) -> tuple[str, str]:
     if kind == "literal_error":
         return "out-of-range", f"{label} is {value!r}, but must be one of {context.get('expected')}"
     wanted = {"int": "a whole number", "float": "a number", "bool": "true or false", "string": "text"}
-    word = wanted.get(kind.split("_")[0])
-    if word:
-        return "wrong-type", f"{label} is {value!r}, but must be {word}"
+    noun = wanted.get(kind.split("_")[0])
+    if noun:
+        return "wrong-type", f"{label} is {value!r}, but must be {noun}"
     message = str(error["msg"])
     return "wrong-type", f"{label} is {value!r}: {message[:1].lower()}{message[1:]}"
 

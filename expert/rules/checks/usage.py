@@ -14,6 +14,7 @@ from expert.rules.model import (
     Choose,
     Comparison,
     Derive,
+    FieldRef,
     FindingCondition,
     Repair,
     Rule,
@@ -92,6 +93,20 @@ def usage_warnings(context: Context) -> list[Problem]:
     return problems
 
 
+def _whole(scope: RuleScope, operand: Any) -> bool:
+    """Say whether an operand is a whole number whatever the facts are."""
+    if isinstance(operand, Calculation):
+        name, operands = operand.operation()
+        return name in ("round", "floor", "ceil") or (name != "div" and all(_whole(scope, item) for item in operands))
+    if isinstance(operand, FieldRef):
+        info = scope.field_of(operand, inside=False)
+        return info is not None and info.kind == "integer"
+    if isinstance(operand, ThresholdRef):
+        threshold = scope.context.threshold(operand.threshold)
+        return threshold is not None and threshold.value.is_integer()
+    return isinstance(operand, int) or (isinstance(operand, float) and operand.is_integer())
+
+
 def _parameter_warnings(scope: RuleScope, name: str, parameter: str, operand: Any, path: Path) -> None:
     operator = scope.context.operators.get(name)
     if (
@@ -109,8 +124,8 @@ def _parameter_warnings(scope: RuleScope, name: str, parameter: str, operand: An
             f"'{parameter}' of '{name}' may become {interval[0]:g} to {interval[1]:g}, allowed is {low:g} to {high:g}"
         )
         scope.complain(path, "may-exceed", message, "clamp the formula")
-    whole = isinstance(operand, Calculation) and operand.operation()[0] in ("round", "floor", "ceil")
-    if operator.params.model_fields[parameter].annotation is int and isinstance(operand, Calculation) and not whole:
+    integer = operator.params.model_fields[parameter].annotation is int
+    if integer and isinstance(operand, Calculation) and not _whole(scope, operand):
         message = f"'{parameter}' of '{name}' is a whole number, the formula may give another"
         scope.complain(path, "not-whole", message, "wrap the formula in `round`")
 
