@@ -59,3 +59,39 @@ def test_the_schema_is_json():
     schema = json.loads(invoke("schema").output)
     assert schema["title"] == "terrex rule file"
     assert "Comparison" in schema["$defs"]
+
+
+@pytest.fixture
+def cases(tmp_path):
+    folder = tmp_path / "cases"
+    folder.mkdir()
+    (folder / "COR901.yaml").write_text(
+        "- {name: fast, facts: [{fact: task, profile: fast}], fires: true}\n"
+        "- {name: best, facts: [{fact: task, profile: best}], fires: false}\n"
+    )
+    return folder
+
+
+def test_the_cases_of_a_layered_rule_run_on_both_engines(rules, cases):
+    for engine in ("compiled", "experta"):
+        result = invoke("test", "COR901", "--rules", rules, "--cases", cases, "--coverage", "--engine", engine)
+        assert result.exit_code == 0, result.output
+        assert result.output.startswith("2 cases, 0 failed\n")
+
+
+def test_a_failing_case_leaves_with_1_and_says_why(rules, cases):
+    (cases / "COR901.yaml").write_text("- {name: best, facts: [{fact: task, profile: best}], fires: true}\n")
+    result = invoke("test", "--rules", rules, "--cases", cases)
+    assert result.exit_code == 1
+    assert "the profile of task is fast: measured best" in result.output
+
+
+def test_explain_and_show_tell_where_a_rule_comes_from(rules):
+    result = invoke("explain", "COR901", "--rules", rules)
+    assert "when the profile of task is fast: note the minor finding slow" in result.output
+    assert f"{rules}:6" in invoke("show", "--layers", "--rules", rules).output
+
+
+def test_an_unknown_rule_or_engine_is_wrong_usage(rules, cases):
+    assert invoke("explain", "COR999", "--rules", rules).exit_code == 2
+    assert invoke("test", "--rules", rules, "--cases", cases, "--engine", "clips").exit_code == 2
