@@ -34,7 +34,9 @@ class SemiGlobalMatchParams(OperatorParams):
     p1: float = Field(6.0, ge=0.0, le=40.0, description="P1, penalty of a step of 1 px, bits of census")
     p2: float = Field(40.0, ge=0.0, le=160.0, description="P2, penalty of a larger step on even ground, bits of census")
     p2_decay_per_dn: float = Field(0.05, ge=0.0, le=1.0, description="P2 is divided by 1 + this x step in gray, 1/DN")
-    subpixel: Literal["parabola", "equiangular"] = Field("parabola", description="Curve fitted at the least cost")
+    subpixel: Literal["parabola", "equiangular"] = Field(
+        "equiangular", description="Curve fitted at the least cost; straight lines lock less to whole pixels"
+    )
     max_memory_mb: int = Field(512, ge=16, le=65536, description="Most memory for the cost volumes, MB")
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
 
