@@ -61,14 +61,31 @@ def _why(decision: Decision, step: Step) -> str:
 
 
 def verdict(decision: Decision) -> str:
-    """Say in at most three sentences what was wrong, what was done and what to trust."""
+    """Say what came out, what was wrong with the pair, what was done and what to trust."""
     wrong = [finding.sentence for finding in decision.findings if finding.severity != "minor"]
-    sentences = [_VERDICTS[decision.status]]
-    sentences.append("Found: " + "; ".join(wrong) + "." if wrong else "Nothing unusual was found in the pair.")
-    corrected = [step.operator for step in decision.plans["correction"].steps] if "correction" in decision.plans else []
-    corrected = [name for name in corrected if name != "none"]
-    sentences.append("Corrected by: " + ", ".join(corrected) + "." if corrected else "No correction was needed.")
+    corrected = [step.operator for step in decision.steps() if step.operator.startswith("correction.")]
+    sentences = [
+        _VERDICTS[decision.status],
+        "Found: " + "; ".join(wrong) + "." if wrong else "Nothing unusual was found in the pair.",
+    ]
+    if decision.status != "failed":
+        sentences.append("Corrected by: " + ", ".join(corrected) + "." if corrected else "No correction was needed.")
+        sentences += _trust(decision)
     return " ".join(sentences)
+
+
+def _trust(decision: Decision) -> Iterator[str]:
+    """Say how much of the products is there and how uncertain it is, from the facts about them."""
+    facts = {record.template: record.fields for record in decision.facts}
+    density = facts.get("disparity_quality", {}).get("density_fraction")
+    if density is not None:
+        yield f"Disparity: {100 * float(density):.0f} % of the pixels."
+    terrain = facts.get("terrain_quality", {})
+    if terrain.get("covered_m2") is not None and terrain.get("median_sigma_m") is not None:
+        yield (
+            f"Terrain: {float(terrain['covered_m2']):.1f} m2 up to {_number(terrain.get('extent_m'))} m, "
+            f"elevation within {100 * float(terrain['median_sigma_m']):.1f} cm (1 sigma, median)."
+        )
 
 
 def _matter(decision: Decision) -> list[FactRecord]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from expert.decision import Decision
 from expert.report import as_markdown
 from modules.formats.atomic import whole_folder
-from modules.formats.disparity import write_disparity_png, write_pfm, write_validity_png
+from modules.formats.disparity import write_disparity_png, write_disparity_view, write_pfm, write_validity_png
 from modules.formats.elevation import write_geotiff, write_hillshade_png
 from modules.formats.images import write_image
 from modules.formats.points import write_ply
@@ -84,25 +85,29 @@ class Result:
                 spent[name] = time.perf_counter() - start
         return spent
 
-    def _writers(self):  # type: ignore[no-untyped-def]
-        decision = self.decision
-        writers = {
+    def _writers(self) -> dict[str, Callable[[Path], object]]:
+        decision, views, validity = self.decision, self.views, self.validity
+        writers: dict[str, Callable[[Path], object]] = {
             "decision.json": lambda path: path.write_text(decision.to_json(), encoding="utf-8"),
             "report.md": lambda path: path.write_text(as_markdown(decision), encoding="utf-8"),
-            "left_corrected.png": lambda path: write_image(path, self.views.left),
-            "right_corrected.png": lambda path: write_image(path, self.views.right),
-            "validity.png": lambda path: write_validity_png(path, self.validity),
+            "left_corrected.png": lambda path: write_image(path, views.left),
+            "right_corrected.png": lambda path: write_image(path, views.right),
+            "validity.png": lambda path: write_validity_png(path, validity),
         }
         disparity, points, elevation = self.disparity, self.points, self.elevation
         if disparity is not None:
+            storable = _storable(disparity.disparity_px)
             writers["disparity.pfm"] = lambda path: write_pfm(path, disparity.disparity_px)
-            storable = np.where(
-                (disparity.disparity_px > 0) & (disparity.disparity_px < MAX_PNG_PX), disparity.disparity_px, np.nan
-            )
-            writers["disparity.png"] = lambda path: write_disparity_png(path, storable.astype(np.float32))
+            writers["disparity.png"] = lambda path: write_disparity_png(path, storable)
+            writers["disparity_view.png"] = lambda path: write_disparity_view(path, disparity.disparity_px)
         if points is not None:
             writers["points.ply"] = lambda path: write_ply(path, points)
         if elevation is not None:
             writers["elevation.tif"] = lambda path: write_geotiff(path, elevation)
             writers["elevation.png"] = lambda path: write_hillshade_png(path, elevation)
         return writers
+
+
+def _storable(disparity_px: FloatImage) -> FloatImage:
+    """Leave out what a 16-bit PNG of 1/256 px cannot hold; the PFM beside it holds every disparity."""
+    return np.where((disparity_px > 0.01) & (disparity_px < MAX_PNG_PX), disparity_px, np.float32(np.nan))

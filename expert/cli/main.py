@@ -178,6 +178,7 @@ def main() -> None:
     """Run the command line; faults of the input end with exit code 2 and a sentence."""
     from expert.cli.rules import app as rules_app
     from expert.pair import PairError
+    from expert.plan import PlanError
     from expert.rules.problem import RuleFileError
     from modules.formats import FormatError
 
@@ -185,6 +186,6 @@ def main() -> None:
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")
     try:
         app()
-    except (FormatError, PairError, RuleFileError, UsageError) as error:
+    except (FormatError, PairError, PlanError, RuleFileError, UsageError) as error:
         typer.echo(str(error), err=True)
         sys.exit(2)

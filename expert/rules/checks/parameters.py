@@ -111,7 +111,7 @@ def _validation_words(error: Any, label: str) -> tuple[str, str]:
         return "out-of-range", f"{label} is {value!r}, but must be one of {context.get('expected')}"
     wanted = {"int": "a whole number", "float": "a number", "bool": "true or false", "string": "text"}
     noun = wanted.get(kind.split("_")[0])
-    if noun:
+    if noun is not None:
         return "wrong-type", f"{label} is {value!r}, but must be {noun}"
     message = str(error["msg"])
     return "wrong-type", f"{label} is {value!r}: {message[:1].lower()}{message[1:]}"
