@@ -167,6 +167,8 @@ def survivors(ids: list[str] | None = None) -> tuple[int, list[str]]:
     engine = make_engine("compiled", words)
     count, alive = 0, []
     for file in files:
+        if file.rule not in loaded.merged.rules:
+            continue
         for mutant in mutants(loaded.merged.rules[file.rule][0], loaded.base.thresholds):
             count += 1
             if not caught(mutant, loaded, engine, words, file):
