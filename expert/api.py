@@ -14,7 +14,7 @@ from expert.decision import Decision, Status
 from expert.engine import make_engine
 from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, Task, to_fact, vocabulary
 from expert.pair import StereoPair
-from expert.plan import Directives
+from expert.plan import Directives, StagePlan
 from expert.result import Result
 from expert.rules.load import load_rules
 from expert.rules.model import STAGES
@@ -100,8 +100,8 @@ class ExpertSystem:
         corrector = _Corrector(run, pair.views)
         matching: Matching | None = run.run_stage("matching", "disparity", lambda d: Matching(corrector.corrected(d)))
         if matching is None or matching.disparity is None or run.critical():
-            disparity = matching.disparity if matching else None
-            return Result(self._decision(pair, run, "failed"), corrector.views, disparity)
+            views, disparity = (matching.views, matching.disparity) if matching else (corrector.views, None)
+            return Result(self._decision(pair, run, "failed"), views, disparity)
         scene = Scene(
             disparity=matching.disparity,
             left=pair.left,
@@ -167,18 +167,24 @@ class _Corrector:
     def __init__(self, run: Run, original: Views) -> None:
         self._run, self._original = run, original
         self._done: dict[Any, Views] = {}
+        self._failed: frozenset[str] = frozenset()
         self.views = original
 
     def corrected(self, directives: Directives) -> Views:
-        plan = self._run.plan("correction", directives)
-        key = plan.configuration()
-        if key not in self._done:
+        """Return the corrected pair; an operator that fails is excluded, and the rules are asked again."""
+        plan = self._run.plan("correction", directives, self._failed)
+        while plan.configuration() not in self._done:
             try:
-                self._done[key] = self._run.execute(plan, self._original)
+                self._done[plan.configuration()] = self._run.execute(plan, self._original)
             except StepFailed as error:
-                self._run.notes.append(f"{error}; the pair was matched uncorrected")
-                self._done[key] = self._original
-        self.views = self._done[key]
+                self._run.record_failure(plan, len(self._failed) + 1, error)
+                if error.operator in self._failed:  # the default of a slot, which nothing excludes
+                    plan = self._run.plans["correction"] = StagePlan(stage="correction", steps=())
+                    self._run.notes.append("the pair was matched uncorrected")
+                else:
+                    self._failed |= {error.operator}
+                    plan = self._run.plan("correction", directives, self._failed)
+        self.views = self._done[plan.configuration()]
         return self.views
 
 

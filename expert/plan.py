@@ -240,10 +240,19 @@ def _complete(
     params = _validated(operator, values)
     for step in steps:
         if step.operator == operator.name:
-            values[step.parameter] = step.apply(getattr(params, step.parameter))
+            values[step.parameter] = _within_range(operator, step, step.apply(getattr(params, step.parameter)))
             set_by[step.parameter] = step.rule
             params = _validated(operator, values)
     return params.model_dump(), set_by, tuple(lost)
+
+
+def _within_range(operator: Operator, step: Adjustment, value: Scalar) -> Scalar:
+    """Return the adjusted value, stopped at the range of the parameter: a step may not make a plan impossible."""
+    for bound in operator.params.model_fields[step.parameter].metadata:
+        low, high = getattr(bound, "ge", None), getattr(bound, "le", None)
+        value = value if low is None else max(value, low)
+        value = value if high is None else min(value, high)
+    return value
 
 
 def _setting_rank(setting: Setting) -> tuple[float, int, str, str]:

@@ -114,8 +114,12 @@ class Run:
         found: dict[Fact, str | None] = {}
         for probe in self.knowledge.probes.values():
             if probe.subject == subject:
+                models: Sequence[FactModel] = ()
                 with self.timed(probe.name):
-                    models: Sequence[FactModel] = probe.function(product)
+                    try:
+                        models = probe.function(product)
+                    except OperatorError as error:
+                        self.notes.append(f"{probe.name} could not measure: {error}")
                 found.update({to_fact(model): probe.name for model in models})
         return found
 
@@ -160,10 +164,12 @@ class Run:
 
     # Planning and running
 
-    def plan(self, stage: Stage, directives: Directives | None = None) -> StagePlan:
-        """Infer and settle one stage without running anything."""
-        result = self.infer(stage, {to_fact(TrialFact(number=1)): None})
-        plan = self._settle(stage, result, directives or Directives())
+    def plan(
+        self, stage: Stage, directives: Directives | None = None, failed: frozenset[str] = frozenset()
+    ) -> StagePlan:
+        """Infer and settle one stage without running anything; `failed` operators are facts, and excluded."""
+        result = self.infer(stage, _trial_facts(stage, 1, failed))
+        plan = self._settle(stage, result, directives or Directives(), failed)
         self.concluded[stage], self.plans[stage] = result, plan
         return plan
 
@@ -213,8 +219,7 @@ class Run:
         attempts: list[Attempt] = []
         for number in range(1, MAX_TRIALS + 1):
             state = start(directives)
-            extra: dict[Fact, str | None] = {to_fact(TrialFact(number=number)): None}
-            extra |= {to_fact(Failure(operator=name, stage=stage)): None for name in sorted(failed)}
+            extra = _trial_facts(stage, number, failed)
             result = self.infer(stage, extra)
             plan = self._settle(stage, result, directives, failed)
             configuration = (*(self.plans[s].configuration() for s in earlier if s in self.plans), plan.configuration())
@@ -224,9 +229,7 @@ class Run:
             try:
                 product = self.execute(plan, state)
             except StepFailed as error:
-                self.trials.append(
-                    TrialRecord(stage=stage, number=number, plan=plan, failure=str(error), answer="failed")
-                )
+                self.record_failure(plan, number, error)
                 failed |= {error.operator}
                 self.concluded[stage] = result
                 continue
@@ -241,6 +244,11 @@ class Run:
                 break
             directives = extended
         return self._keep(stage, attempts)
+
+    def record_failure(self, plan: StagePlan, number: int, error: StepFailed) -> None:
+        """Note that an operator of this plan failed; it becomes a trial and a finding."""
+        record = TrialRecord(stage=plan.stage, number=number, plan=plan, failure=str(error), answer="failed")
+        self.trials.append(record)
 
     def _keep(self, stage: Stage, attempts: list[Attempt]) -> Any:
         if not attempts:
@@ -288,7 +296,22 @@ class Run:
             )
             for (name, severity), where in sources.items()
         ]
-        return tuple(sorted(records, key=_finding_rank))
+        return tuple(sorted([*records, *self._failures()], key=_finding_rank))
+
+    def _failures(self) -> list[FindingRecord]:
+        """Return a finding per operator that failed: minor where another answered for it, else major."""
+        answered = {record.stage for record in self.trials if record.kept} | {"correction"}
+        return [
+            FindingRecord(
+                name="operator-failed",
+                severity="minor" if record.stage in answered else "major",
+                sentence=f"an operator could not do its work - {record.failure}",
+                rules=(),
+                stage=record.stage,
+            )
+            for record in self.trials
+            if record.failure is not None
+        ]
 
     def critical(self) -> bool:
         """Whether a finding says that the pair cannot be reconstructed."""
@@ -318,6 +341,12 @@ class Run:
         for found in self.product_facts.values():
             facts.update(found)
         return tuple(fact_record(fact, probe) for fact, probe in sorted(facts.items(), key=lambda item: repr(item[0])))
+
+
+def _trial_facts(stage: Stage, number: int, failed: frozenset[str]) -> dict[Fact, str | None]:
+    models: list[FactModel] = [TrialFact(number=number)]
+    models += [Failure(operator=name, stage=stage) for name in sorted(failed)]
+    return {to_fact(model): None for model in models}
 
 
 def _planned(plan: StagePlan) -> list[Planned]:

@@ -146,6 +146,8 @@ def simulate(
     distortion: Annotated[str, typer.Option(help="Reference distortion of the right camera")] = "clean",
 ) -> None:
     """Render a rough-terrain pair with its exact truth."""
+    from pydantic import ValidationError
+
     from modules.formats.simulation import write_rendered_pair
     from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, distort_right, render_terrain
     from modules.types import Views
@@ -154,8 +156,11 @@ def simulate(
         raise UsageError(f"there is no distortion {distortion!r}; known: {', '.join(REFERENCE_DISTORTIONS)}")
     try:
         params = TerrainParams(seed=seed, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
+    except ValidationError as error:
+        wrong = [
+            f"--{str(item['loc'][0]).removesuffix('_deg')} {item['input']}: {item['msg']}" for item in error.errors()
+        ]
+        raise UsageError("; ".join(wrong)) from error
     with _progress() as progress:
         if progress:
             progress("rendering")
@@ -177,6 +182,7 @@ def simulate(
 def main() -> None:
     """Run the command line; faults of the input end with exit code 2 and a sentence."""
     from expert.cli.rules import app as rules_app
+    from expert.firing import RunawayRuleBase
     from expert.pair import PairError
     from expert.plan import PlanError
     from expert.rules.problem import RuleFileError
@@ -186,6 +192,6 @@ def main() -> None:
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")
     try:
         app()
-    except (FormatError, PairError, PlanError, RuleFileError, UsageError) as error:
+    except (FormatError, PairError, PlanError, RuleFileError, RunawayRuleBase, UsageError) as error:
         typer.echo(str(error), err=True)
         sys.exit(2)

@@ -1,0 +1,296 @@
+"""The loop, with tiny operators and probes whose every step is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+from pydantic import Field
+from synthetic_pairs import shifted
+
+from expert.engine import make_engine
+from expert.facts import Task, to_fact, vocabulary
+from expert.plan import Directives
+from expert.rules.load import LoadedRules
+from expert.rules.model import RuleBase
+from expert.supervise import MAX_TRIALS, Knowledge, Run
+from modules.measurement.sample import Sample
+from modules.operator import Cost, Operator, OperatorError, OperatorParams
+from modules.probe import FactModel, Probe, quantity
+from modules.types import Views
+
+
+class Quality(FactModel):
+    """How good the product of a test is."""
+
+    template: ClassVar[str] = "quality"
+    score: float = quantity("No-reference score", ge=0, le=1, resolution=0.01)
+
+
+class Depth(FactModel):
+    """What a dear probe of the pair measures."""
+
+    template: ClassVar[str] = "depth"
+    value: float = quantity("Value", ge=0, le=10)
+
+
+class Bright(FactModel):
+    """What a cheap probe of the pair measures."""
+
+    template: ClassVar[str] = "bright"
+    value: float = quantity("Value", ge=0, le=255)
+
+
+class Params(OperatorParams):
+    level: int = Field(1, ge=0, le=9, description="Level")
+
+
+@dataclass
+class World:
+    """Operators that log what they do; their product is the text of all that was done, scored by `scores`."""
+
+    scores: dict[str, float] = field(default_factory=dict)
+    broken: set[str] = field(default_factory=set)
+    log: list[str] = field(default_factory=list)
+    depth_fails: bool = False
+
+    def operator(self, name: str, slot: str) -> Operator:
+        def work(state: str, params: Params) -> str:
+            self.log.append(f"{name} {params.level}")
+            if name in self.broken:
+                raise OperatorError("it is broken")
+            return f"{state}>{name.split('.')[1]}{params.level}"
+
+        return Operator(name, slot, Params, work, Cost(), "Logs")
+
+    def operators(self) -> dict[str, Operator]:
+        made = [self.operator(f"correction.{name}", "radiometry") for name in ("mild", "strong")]
+        made += [self.operator(f"matching.{name}", "matcher") for name in ("plain", "fine", "coarse")]
+        return {operator.name: operator for operator in made}
+
+    def probes(self) -> dict[str, Probe]:
+        def depth(sample: Sample) -> list[FactModel]:
+            self.log.append("probe depth")
+            if self.depth_fails:
+                raise OperatorError("it is too dark")
+            return [Depth(value=5.0)]
+
+        def quality(product: str) -> list[FactModel]:
+            return [Quality(score=self.scores.get(product, 0.1))]
+
+        probes = [
+            Probe("measurement.bright", (Bright,), lambda _: [Bright(value=100.0)], "cheap", "pair", "Cheap"),
+            Probe("measurement.depth", (Depth,), depth, "dear", "pair", "Dear"),
+            Probe("measurement.quality", (Quality,), quality, "cheap", "disparity", "Product"),
+        ]
+        return {probe.name: probe for probe in probes}
+
+    def run(self, *rules: dict[str, Any]) -> Run:
+        slots = {
+            "correction": [{"slot": "radiometry", "default": "none", "because": "a test"}],
+            "matching": [{"slot": "matcher", "default": "matching.plain", "because": "a test"}],
+        }
+        declared = {"seen": "something was seen", "poor": "the product is poor"}
+        numbered = [
+            {"id": f"TST{n:03d}", "name": "test", "because": "because of a test", "references": ["test"], **rule}
+            for n, rule in enumerate(rules, start=1)
+        ]
+        base = RuleBase.model_validate({"slots": slots, "findings": declared, "rules": numbered})
+        probes = self.probes()
+        loaded = LoadedRules(base, {}, "digest", None)  # type: ignore[arg-type]
+        engine = make_engine("compiled", vocabulary(probes.values()))
+        knowledge = Knowledge(loaded, engine, self.operators(), probes)
+        return Run(knowledge, Sample(Views(*shifted())), {to_fact(Task()): None})
+
+
+def matched(run: Run) -> Any:
+    """Run measurement, correction and matching; the correction is run again where the directives change it."""
+
+    def start(directives: Directives) -> str:
+        return run.execute(run.plan("correction", directives), "pair")
+
+    run.decide_measurement()
+    return run.run_stage("matching", "disparity", start)
+
+
+ALWAYS = {"fact": "task"}
+FIRST = {"fact": "trial", "field": "number", "op": "eq", "value": 1}
+POOR = {"fact": "quality", "field": "score", "op": "lt", "value": 0.5}
+
+
+def test_a_good_first_trial_is_accepted() -> None:
+    world = World(scores={"pair>plain1": 0.9})
+    run = world.run()
+    assert matched(run) == "pair>plain1"
+    assert [(trial.number, trial.score, trial.kept, trial.answer) for trial in run.trials] == [
+        (1, 0.9, True, "accepted")
+    ]
+
+
+def test_a_cheap_probe_always_runs_and_a_dear_one_only_on_demand() -> None:
+    world = World()
+    run = world.run()
+    run.decide_measurement()
+    assert run.measured == {"measurement.bright"}
+    assert world.log == []
+    asking = World()
+    run = asking.run(
+        {"stage": "measurement", "when": [{"fact": "bright", "field": "value", "op": "gt", "value": 50.0}],
+         "then": [{"measure": "measurement.depth"}]},
+        {"stage": "measurement", "when": [{"fact": "depth", "field": "value", "op": "gt", "value": 1.0}],
+         "then": [{"derive": "seen"}]},
+    )  # fmt: skip
+    run.decide_measurement()
+    assert asking.log == ["probe depth"]  # once, though its rule fires in every round
+    assert [finding.name for finding in run.findings()] == ["seen"]
+    assert run.facts[to_fact(Depth(value=5.0))] == "measurement.depth"
+
+
+def test_a_later_stage_can_ask_for_a_measurement_too() -> None:
+    world = World()
+    run = world.run(
+        {"stage": "matching", "when": [ALWAYS], "then": [{"measure": "measurement.depth"}]},
+        {"stage": "matching", "when": [{"fact": "depth"}], "then": [{"choose": "matching.fine"}]},
+    )
+    assert matched(run) == "pair>fine1"
+    assert world.log.count("probe depth") == 1
+
+
+def test_a_probe_that_cannot_measure_is_noted_and_not_asked_again() -> None:
+    world = World(depth_fails=True)
+    run = world.run({"stage": "measurement", "when": [ALWAYS], "then": [{"measure": "measurement.depth"}]})
+    assert matched(run) == "pair>plain1"
+    assert run.notes == ["measurement.depth could not measure: it is too dark"]
+    assert world.log.count("probe depth") == 1
+
+
+def test_a_failing_operator_is_a_finding_and_the_next_trial_goes_on_without_it() -> None:
+    world = World(broken={"matching.fine"}, scores={"pair>plain1": 0.9})
+    run = world.run({"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine"}]})
+    assert matched(run) == "pair>plain1"
+    assert [(trial.answer, trial.failure) for trial in run.trials] == [
+        ("failed", "matching.fine: it is broken"),
+        ("accepted", None),
+    ]
+    (finding,) = run.findings()
+    assert (finding.name, finding.severity, finding.stage) == ("operator-failed", "minor", "matching")
+    assert finding.sentence == "an operator could not do its work - matching.fine: it is broken"
+
+
+def test_rules_can_answer_a_failure() -> None:
+    world = World(broken={"matching.fine"})
+    failed = {"fact": "failure", "field": "operator", "op": "eq", "value": "matching.fine"}
+    run = world.run(
+        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine", "score": 0.9}]},
+        {"stage": "matching", "when": [failed], "then": [{"choose": "matching.coarse"}]},
+    )
+    assert matched(run) == "pair>coarse1"
+
+
+def test_when_everything_fails_there_is_no_product_and_a_major_finding() -> None:
+    world = World(broken={"matching.fine", "matching.plain"})
+    run = world.run({"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine"}]})
+    assert matched(run) is None
+    assert world.log == ["matching.fine 1", "matching.plain 1"]
+    assert {finding.severity for finding in run.findings()} == {"major"}
+
+
+def test_an_adjusted_parameter_is_tried_and_the_better_trial_kept() -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>plain3": 0.8})
+    run = world.run(
+        {"stage": "matching", "when": [POOR],
+         "then": [{"assess": "poor"}, {"adjust": "matching.plain", "parameter": "level", "by": 2}]},
+    )  # fmt: skip
+    assert matched(run) == "pair>plain3"
+    assert [(trial.number, trial.score, trial.kept) for trial in run.trials] == [(1, 0.2, False), (2, 0.8, True)]
+    assert run.trials[0].answer == "change matching.plain level (TST001)"
+    assert run.plans["matching"].steps[0].parameters == {"level": 3}
+    assert run.findings() == ()  # the kept product is not poor
+
+
+def test_the_first_trial_is_kept_where_the_second_is_worse() -> None:
+    world = World(scores={"pair>plain1": 0.4, "pair>fine1": 0.3})
+    run = world.run({"stage": "matching", "when": [POOR, FIRST], "then": [{"repair": "matching.fine"}]})
+    assert matched(run) == "pair>plain1"
+    assert [trial.kept for trial in run.trials] == [True, False]
+    assert run.plans["matching"].operator_of("matcher") == "matching.plain"
+
+
+def test_equal_scores_keep_the_earlier_trial() -> None:
+    world = World(scores={"pair>plain1": 0.4, "pair>fine1": 0.4})
+    run = world.run({"stage": "matching", "when": [POOR, FIRST], "then": [{"repair": "matching.fine"}]})
+    assert matched(run) == "pair>plain1"
+
+
+def test_no_configuration_is_run_twice() -> None:
+    world = World()
+    run = world.run({"stage": "matching", "when": [POOR], "then": [{"repair": "matching.plain", "with": {"level": 1}}]})
+    assert matched(run) == "pair>plain1"
+    assert world.log == ["matching.plain 1"]
+
+
+def test_trials_end_at_the_cap_even_if_the_rules_never_do() -> None:
+    world = World()
+    rules = [
+        {"stage": "matching", "when": [POOR, {"fact": "trial", "field": "number", "op": "eq", "value": number}],
+         "then": [{"adjust": "matching.plain", "parameter": "level", "by": 1}]}
+        for number in range(1, 9)
+    ]  # fmt: skip
+    run = world.run(*rules)
+    matched(run)
+    assert len(run.trials) == MAX_TRIALS
+    assert len(set(world.log)) == len(world.log) == MAX_TRIALS
+
+
+def test_an_earlier_stage_is_repaired_and_run_again() -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9})
+    run = world.run({"stage": "matching", "when": [POOR], "then": [{"repair": "correction.strong"}]})
+    assert matched(run) == "pair>strong1>plain1"
+    assert run.plans["correction"].operator_of("radiometry") == "correction.strong"
+    assert run.trials[0].answer == "try correction.strong (TST001)"
+
+
+def test_the_earlier_stage_goes_back_where_its_repair_was_worse() -> None:
+    world = World(scores={"pair>mild1>plain1": 0.4, "pair>strong1>plain1": 0.3})
+    run = world.run(
+        {"stage": "correction", "when": [ALWAYS], "then": [{"choose": "correction.mild"}]},
+        {"stage": "matching", "when": [POOR], "then": [{"repair": "correction.strong"}]},
+    )
+    assert matched(run) == "pair>mild1>plain1"
+    assert run.plans["correction"].operator_of("radiometry") == "correction.mild"
+
+
+def test_a_later_stage_sees_what_an_earlier_one_ran() -> None:
+    planned = {"fact": "planned", "field": "operator", "op": "eq", "value": "correction.mild"}
+    run = World().run(
+        {"stage": "correction", "when": [ALWAYS], "then": [{"choose": "correction.mild"}]},
+        {"stage": "matching", "when": [planned], "then": [{"choose": "matching.fine"}]},
+    )
+    assert matched(run) == "pair>mild1>fine1"
+
+
+def test_a_probe_of_the_product_that_fails_is_noted_and_the_product_kept() -> None:
+    def broken(_: object) -> list[FactModel]:
+        raise OperatorError("nothing to measure")
+
+    run = World().run()
+    probes: dict[str, Probe] = dict(run.knowledge.probes)
+    probes["measurement.quality"] = replace(probes["measurement.quality"], function=broken)
+    run.knowledge = replace(run.knowledge, probes=probes)
+    assert matched(run) == "pair>plain1"
+    assert run.notes == ["measurement.quality could not measure: nothing to measure"]
+
+
+def test_progress_names_what_runs() -> None:
+    said: list[str] = []
+    run = World().run()
+    run.progress = said.append
+    matched(run)
+    assert said == ["measuring", "matching.plain"]
+
+
+def test_every_probe_and_operator_is_timed() -> None:
+    run = World().run()
+    matched(run)
+    assert {"measurement.bright", "measurement.quality", "matching.plain", "inference"} <= set(run.timings_s)
+    assert all(seconds >= 0 for seconds in run.timings_s.values())
