@@ -1,19 +1,38 @@
 """Compiled kernels of the semi-global matcher; imported only when it runs, because numba takes long to import.
 
 All arithmetic is cast explicitly: numba makes int64 of small integers, and uint64 of differences of unsigned ones. The
-kernels release the GIL and use no threads of their own.
+inner loops run over the disparities, touch few arrays and have no branch, so that the compiler makes vector code of
+them; they see slices, because an index that may be negative prevents it. The kernels release the GIL and use no threads
+of their own.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 _jit = numba.njit(cache=True, nogil=True, boundscheck=False)
 
 CENSUS_RADIUS = 2  # 5x5 window, 24 comparisons
 COST_UNITS = 6.25  # stored cost per bit of Hamming distance; the largest, 39.5, still fits uint8
+COST_BLOCK = 64  # columns whose cost is averaged at a time, so that the sums stay in the cache
+HUGE = 16000  # path cost beyond the ends of the range
+
+
+def _count_bits(typing_context: Any, value: Any) -> Any:
+    """Count the bits that are set; the compiler knows a vector instruction for it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
+
+    return value(value), generate
+
+
+_popcount: Any = intrinsic(_count_bits)
 
 
 @_jit
@@ -36,43 +55,73 @@ def census(image: NDArray[np.int32]) -> NDArray[np.uint32]:
 
 
 @_jit
-def _raw_cost_row(
-    left_bits: NDArray[np.uint32],
-    right_bits: NDArray[np.uint32],
-    left_slope: NDArray[np.int16],
-    right_slope: NDArray[np.int16],
-    low: int,
-    count: int,
-    slope_limit: int,
-    mirrored_bits: NDArray[np.uint32],
-    mirrored_slope: NDArray[np.int16],
-    out: NDArray[np.int16],
+def _mirror(
+    bits: NDArray[np.uint32],
+    slope: NDArray[np.int16],
+    last: int,
+    planes: NDArray[np.uint8],
+    slopes: NDArray[np.int16],
 ) -> None:
-    """Fill `out` (W, D) with twice the cost of one row; matches outside the right image take its border pixel."""
-    columns = left_bits.shape[0]
-    # Mirrored, so that rising disparity walks forward through memory: index j holds right column `last - j`.
-    last = columns - 1 - low
-    for j in range(columns + count - 1):
+    """Copy a row so that index j holds column `last - j`: rising disparity then walks forward through memory."""
+    columns = bits.shape[0]
+    for j in range(slopes.shape[0]):
         x = min(max(last - j, 0), columns - 1)
-        mirrored_bits[j] = right_bits[x]
-        mirrored_slope[j] = right_slope[x]
-    limit = np.int16(slope_limit)
-    for x in range(columns):
-        bits = left_bits[x]
-        slope = left_slope[x]
-        first = columns - 1 - x
-        for d in range(count):
-            v = np.uint32(bits ^ mirrored_bits[first + d])
-            v = np.uint32(v - np.uint32(np.uint32(v >> np.uint32(1)) & np.uint32(0x55555555)))
-            v = np.uint32(
-                np.uint32(v & np.uint32(0x33333333)) + np.uint32(np.uint32(v >> np.uint32(2)) & np.uint32(0x33333333))
-            )
-            v = np.uint32(np.uint32(v + np.uint32(v >> np.uint32(4))) & np.uint32(0x0F0F0F0F))
-            v = np.uint32(np.uint32(v * np.uint32(0x01010101)) >> np.uint32(24))
-            difference = np.int16(slope - mirrored_slope[first + d])
-            difference = np.int16(-difference) if difference < 0 else difference
-            difference = limit if difference > limit else difference
-            out[x, d] = np.int16(np.int16(np.int16(v) * np.int16(2)) + difference)
+        planes[0, j] = np.uint8(bits[x])
+        planes[1, j] = np.uint8(bits[x] >> np.uint32(8))
+        planes[2, j] = np.uint8(bits[x] >> np.uint32(16))
+        slopes[j] = slope[x]
+
+
+@_jit
+def _bit_difference(
+    bits: np.uint32,
+    low: NDArray[np.uint8],
+    middle: NDArray[np.uint8],
+    high: NDArray[np.uint8],
+    out: NDArray[np.uint8],
+) -> None:
+    """Fill `out` (D,) with the Hamming distances of `bits` from 24 bits given in three planes."""
+    a = np.uint8(bits)
+    b = np.uint8(bits >> np.uint32(8))
+    c = np.uint8(bits >> np.uint32(16))
+    for d in range(out.shape[0]):
+        one = _popcount(np.uint8(low[d] ^ a))
+        two = _popcount(np.uint8(middle[d] ^ b))
+        three = _popcount(np.uint8(high[d] ^ c))
+        out[d] = np.uint8(np.uint8(one + two) + three)
+
+
+@_jit
+def _replace_cost(
+    distance: NDArray[np.uint8],
+    slope: np.int16,
+    slopes: NDArray[np.int16],
+    limit: np.int16,
+    held: NDArray[np.uint8],
+    column: NDArray[np.int16],
+) -> None:
+    """Put twice the cost of one pixel into `held` (D,) and its change into the sum `column` (D,)."""
+    for d in range(held.shape[0]):
+        difference = np.int16(slope - slopes[d])
+        difference = min(max(difference, np.int16(-difference)), limit)
+        value = np.int16(np.int16(np.int16(distance[d]) << np.int16(1)) + difference)
+        column[d] = np.int16(np.int16(column[d] + value) - np.int16(held[d]))
+        held[d] = np.uint8(value)
+
+
+@_jit
+def _slide(
+    running: NDArray[np.int16],
+    enter: NDArray[np.int16],
+    leave: NDArray[np.int16],
+    factor: np.uint16,
+    out: NDArray[np.uint8],
+) -> None:
+    """Write the mean of the window in `running` (D,), then move it by one column."""
+    for d in range(out.shape[0]):
+        scaled = np.uint32(np.uint16(np.uint16(running[d]) << np.uint16(2)))
+        out[d] = np.uint8(np.uint32(np.uint32(scaled * np.uint32(factor)) >> np.uint32(16)))
+        running[d] = np.int16(np.int16(running[d] + enter[d]) - leave[d])
 
 
 @_jit
@@ -90,47 +139,79 @@ def cost_rows(
 ) -> None:
     """Fill `out` (stop - start, W, D) with the cost of image rows start to stop, averaged over a square window.
 
-    The window is truncated by replicating rows and columns at the border. Units: `COST_UNITS` per bit.
+    Matches outside the right image take its border pixel; the window is continued beyond the border by replicating rows
+    and columns. Units: `COST_UNITS` per bit.
     """
     rows, columns = left_bits.shape
     count = out.shape[2]
     side = 2 * radius + 1
-    factor = np.int32(round(65536.0 * COST_UNITS / 2.0 / (side * side)))
-    raw = np.empty((columns, count), np.int16)
-    ring = np.zeros((side, columns, count), np.int16)
-    total = np.zeros((columns, count), np.int16)
-    running = np.zeros(count, np.int16)
-    mirrored_bits = np.empty(columns + count, np.uint32)
-    mirrored_slope = np.empty(columns + count, np.int16)
-    for step in range(start - radius, stop + radius):
-        y = min(max(step, 0), rows - 1)
-        slot = (step - start + radius) % side
-        _raw_cost_row(
-            left_bits[y], right_bits[y], left_slope[y], right_slope[y], low, count, slope_limit, mirrored_bits,
-            mirrored_slope, raw,
-        )  # fmt: skip
-        running[:] = np.int16(0)
-        for dx in range(-radius, radius + 1):
-            source = raw[min(max(dx, 0), columns - 1)]
-            for d in range(count):
-                running[d] = np.int16(running[d] + source[d])
-        for x in range(columns):
-            held = ring[slot, x]
-            column = total[x]
-            enter = raw[min(x + radius + 1, columns - 1)]
-            leave = raw[max(x - radius, 0)]
-            for d in range(count):
-                value = running[d]
-                column[d] = np.int16(np.int16(column[d] + value) - held[d])
-                held[d] = value
-                running[d] = np.int16(np.int16(value + enter[d]) - leave[d])
-        row = step - radius - start
-        if row >= 0:
-            for x in range(columns):
-                column = total[x]
-                target = out[row, x]
-                for d in range(count):
-                    target[d] = np.uint8(np.int32(np.int32(np.int32(column[d]) * factor) >> np.int32(16)))
+    # A quarter of the factor, for four times the sum, fits 16 bits whatever the window.
+    factor = np.uint16(round(65536.0 * COST_UNITS / 8.0 / (side * side)))
+    limit = np.int16(slope_limit)
+    widest = COST_BLOCK + 2 * radius
+    ring = np.empty((side, widest, count), np.uint8)
+    total = np.empty((widest + 1, count), np.int16)
+    running = np.empty(count, np.int16)
+    distance = np.empty(count, np.uint8)
+    planes = np.empty((3, widest + count), np.uint8)
+    slopes = np.empty(widest + count, np.int16)
+    for begin in range(0, columns, COST_BLOCK):
+        width = min(begin + COST_BLOCK, columns) - begin
+        last = begin + width + radius - 1
+        ring[:] = np.uint8(0)
+        total[:] = np.int16(0)
+        for step in range(start - radius, stop + radius):
+            y = min(max(step, 0), rows - 1)
+            slot = (step - start + radius) % side
+            _mirror(right_bits[y], right_slope[y], last - low, planes, slopes)
+            for k in range(width + 2 * radius):
+                x = min(max(begin - radius + k, 0), columns - 1)
+                first = last - x
+                end = first + count
+                _bit_difference(
+                    left_bits[y, x], planes[0, first:end], planes[1, first:end], planes[2, first:end], distance
+                )
+                _replace_cost(distance, left_slope[y, x], slopes[first:end], limit, ring[slot, k], total[k])
+            row = step - radius - start
+            if row >= 0:
+                running[:] = np.int16(0)
+                for k in range(side):
+                    source = total[k]
+                    for d in range(count):
+                        running[d] = np.int16(running[d] + source[d])
+                for k in range(width):
+                    _slide(running, total[k + side], total[k], factor, out[row, begin + k])
+
+
+@_jit
+def _follow(
+    old: NDArray[np.int16],
+    least: np.int16,
+    jump: np.int16,
+    step: np.int16,
+    cost: NDArray[np.uint8],
+    new: NDArray[np.int16],
+    total: NDArray[np.int16],
+) -> np.int16:
+    """Continue one path by one pixel, add its cost to `total` (D,) and return its least cost.
+
+    `old` and `new` (D + 2,) have a border cell at either end, which spares the tests there.
+    """
+    count = total.shape[0]
+    before = old[:count]
+    middle = old[1 : count + 1]
+    after = old[2 : count + 2]
+    target = new[1 : count + 1]
+    best = np.int16(HUGE)
+    jump = np.int16(least + jump)
+    for d in range(count):
+        value = np.int16(min(before[d], after[d]) + step)
+        value = min(min(value, middle[d]), jump)
+        value = np.int16(np.int16(value - least) + np.int16(cost[d]))
+        target[d] = value
+        total[d] = np.int16(total[d] + value)
+        best = min(best, value)
+    return best
 
 
 @_jit
@@ -140,9 +221,13 @@ def aggregate(
     p1: int,
     p2_of_step: NDArray[np.int16],
     backward: bool,
+    begin: int,
+    end: int,
+    paths: NDArray[np.int16],
+    least: NDArray[np.int16],
     out: NDArray[np.int16],
 ) -> None:
-    """Fill `out` (H, W, D) with the sum of four path costs.
+    """Add the costs of four paths to rows of `out` (H, W, D).
 
     Forward: from the left, upper left, top and upper right. Backward: the same from the opposite side.
 
@@ -154,27 +239,27 @@ def aggregate(
     p1 : int
     p2_of_step : int16 (256,)
     backward : bool
+    begin, end : int
+        Rows of the sweep, counted from the row where it starts; a sweep may be continued by a second call.
+    paths : int16 (2, 3, W + 2, D + 2)
+        State of the sweep from `start_paths`; holds the three paths of the row before.
+    least : int16 (2, 3, W + 2)
+        Their least costs, zero at first.
     out : int16 (H, W, D)
     """
     rows, columns, count = cost.shape
-    huge = np.int16(16000)
-    small = np.int16(p1)
-    # One border cell before and after the disparities spares the tests at the ends of the range.
-    above = np.zeros((3, columns + 2, count + 2), np.int16)
-    below = np.zeros((3, columns + 2, count + 2), np.int16)
-    above_least = np.zeros((3, columns + 2), np.int16)
-    below_least = np.zeros((3, columns + 2), np.int16)
+    step = np.int16(p1)
     beside = np.zeros((2, count + 2), np.int16)
-    for k in range(3):
-        for x in range(columns + 2):
-            above[k, x, 0] = above[k, x, count + 1] = huge
-            below[k, x, 0] = below[k, x, count + 1] = huge
     for k in range(2):
-        beside[k, 0] = beside[k, count + 1] = huge
+        beside[k, 0] = beside[k, count + 1] = np.int16(HUGE)
     sign = -1 if backward else 1
-    for i in range(rows):
+    for i in range(begin, end):
         y = rows - 1 - i if backward else i
         yp = min(max(y - sign, 0), rows - 1)
+        above = paths[i % 2]
+        below = paths[(i + 1) % 2]
+        above_least = least[i % 2]
+        below_least = least[(i + 1) % 2]
         beside[0, 1 : count + 1] = np.int16(0)
         beside_least = np.int16(0)
         for j in range(columns):
@@ -182,71 +267,72 @@ def aggregate(
             here = gray[y, x]
             xa = min(max(x - sign, 0), columns - 1)
             xb = min(max(x + sign, 0), columns - 1)
-            pa = p2_of_step[abs(here - gray[y, xa])]
-            pb = p2_of_step[abs(here - gray[yp, xa])]
-            pc = p2_of_step[abs(here - gray[yp, x])]
-            pd = p2_of_step[abs(here - gray[yp, xb])]
-            old = beside[j % 2]
-            new = beside[(j + 1) % 2]
-            ub = above[0, x + 1 - sign]
-            uc = above[1, x + 1]
-            ud = above[2, x + 1 + sign]
-            lb = above_least[0, x + 1 - sign]
-            lc = above_least[1, x + 1]
-            ld = above_least[2, x + 1 + sign]
-            vb = below[0, x + 1]
-            vc = below[1, x + 1]
-            vd = below[2, x + 1]
             c = cost[y, x]
             s = out[y, x]
-            ma = huge
-            mb = huge
-            mc = huge
-            md = huge
-            for d in range(count):
-                value = np.int16(c[d])
+            jump = p2_of_step[abs(here - gray[y, xa])]
+            beside_least = _follow(beside[j % 2], beside_least, jump, step, c, beside[(j + 1) % 2], s)
+            for k in range(3):
+                xp = xa if k == 0 else (x if k == 1 else xb)
+                at = x + 1 + (k - 1) * sign
+                jump = p2_of_step[abs(here - gray[yp, xp])]
+                below_least[k, x + 1] = _follow(above[k, at], above_least[k, at], jump, step, c, below[k, x + 1], s)
 
-                a = np.int16(min(old[d], old[d + 2]) + small)
-                a = min(a, old[d + 1])
-                a = min(a, np.int16(beside_least + pa))
-                a = np.int16(np.int16(a - beside_least) + value)
-                new[d + 1] = a
-                ma = min(ma, a)
 
-                b = np.int16(min(ub[d], ub[d + 2]) + small)
-                b = min(b, ub[d + 1])
-                b = min(b, np.int16(lb + pb))
-                b = np.int16(np.int16(b - lb) + value)
-                vb[d + 1] = b
-                mb = min(mb, b)
+@_jit
+def start_paths(paths: NDArray[np.int16], least: NDArray[np.int16]) -> None:
+    """Set the state of a sweep to that before its first row."""
+    paths[:] = np.int16(0)
+    paths[:, :, :, 0] = np.int16(HUGE)
+    paths[:, :, :, paths.shape[3] - 1] = np.int16(HUGE)
+    least[:] = np.int16(0)
 
-                e = np.int16(min(uc[d], uc[d + 2]) + small)
-                e = min(e, uc[d + 1])
-                e = min(e, np.int16(lc + pc))
-                e = np.int16(np.int16(e - lc) + value)
-                vc[d + 1] = e
-                mc = min(mc, e)
 
-                f = np.int16(min(ud[d], ud[d + 2]) + small)
-                f = min(f, ud[d + 1])
-                f = min(f, np.int16(ld + pd))
-                f = np.int16(np.int16(f - ld) + value)
-                vd[d + 1] = f
-                md = min(md, f)
+@_jit
+def _best_of(s: NDArray[np.int16]) -> Any:
+    """Return the index of the least cost (D,), it, the second least away from it, and the largest."""
+    count = s.shape[0]
+    best = np.int16(32767)
+    worst = np.int16(-32768)
+    for d in range(count):
+        best = min(best, s[d])
+        worst = max(worst, s[d])
+    at = np.int16(32767)
+    for d in range(count):
+        here = np.int16(32767)
+        if s[d] == best:
+            here = np.int16(d)
+        at = min(at, here)
+    index = np.int64(at)
+    low = index - 1 if index > 0 else index
+    high = index + 1 if index < count - 1 else index
+    before = s[low]
+    after = s[high]
+    s[low] = s[index] = s[high] = np.int16(32767)
+    second = np.int16(32767)
+    for d in range(count):
+        second = min(second, s[d])
+    s[low] = before
+    s[high] = after
+    s[index] = best
+    return index, int(best), int(second), int(worst)
 
-                s[d] = np.int16(np.int16(a + b) + np.int16(e + f))
-            beside_least = ma
-            below_least[0, x + 1] = mb
-            below_least[1, x + 1] = mc
-            below_least[2, x + 1] = md
-        above, below = below, above
-        above_least, below_least = below_least, above_least
+
+@_jit
+def _offer(s: NDArray[np.int16], begin: int, best: NDArray[np.int16], index: NDArray[np.int16]) -> None:
+    """Offer the costs `s` of disparities from `begin` to as many right pixels, which keep the least."""
+    for d in range(s.shape[0]):
+        value = s[d]
+        held = best[d]
+        kept = index[d]
+        if value < held:
+            kept = np.int16(begin + d)
+        best[d] = min(value, held)
+        index[d] = kept
 
 
 @_jit
 def select(
-    one: NDArray[np.int16],
-    two: NDArray[np.int16],
+    total: NDArray[np.int16],
     first: int,
     low: int,
     equiangular: bool,
@@ -258,8 +344,8 @@ def select(
 
     Parameters
     ----------
-    one, two : int16 (H, W, D)
-        Their sum is the aggregated cost; `one` is overwritten by it.
+    total : int16 (H, W, D)
+        Aggregated cost.
     first : int
         First row of the volume that belongs to the product.
     low : int
@@ -271,31 +357,17 @@ def select(
         found disparity over the found one (1 means ambiguous; NaN where the cost is flat).
     """
     rows = disparity.shape[0]
-    columns, count = one.shape[1], one.shape[2]
+    columns, count = total.shape[1], total.shape[2]
+    # Index j holds right column `columns - 1 - j`, so that rising disparity walks forward through memory.
     best_right = np.empty(columns, np.int16)
-    index_right = np.empty(columns, np.int32)
+    index_right = np.empty(columns, np.int16)
     for i in range(rows):
         y = first + i
         best_right[:] = np.int16(32767)
-        index_right[:] = -1
+        index_right[:] = np.int16(-1)
         for x in range(columns):
-            s = one[y, x]
-            t = two[y, x]
-            best = np.int16(32767)
-            for d in range(count):
-                s[d] = np.int16(s[d] + t[d])
-                best = min(best, s[d])
-            at = 0
-            while s[at] != best:
-                at += 1
-            worst = np.int16(0)
-            second = np.int16(32767)
-            for d in range(count):
-                worst = max(worst, s[d])
-            for d in range(at - 1):
-                second = min(second, s[d])
-            for d in range(at + 2, count):
-                second = min(second, s[d])
+            s = total[y, x]
+            at, best, second, worst = _best_of(s)
             offset = 0.0
             if 0 < at < count - 1:
                 before = float(s[at - 1]) - float(best)
@@ -313,22 +385,25 @@ def select(
                 ratio[i, x] = np.float32((float(second) + 1.0) / (float(best) + 1.0))
             begin = max(x - low - columns + 1, 0)
             end = min(x - low + 1, count)
-            for d in range(begin, end):
-                xr = x - low - d
-                if s[d] < best_right[xr]:
-                    best_right[xr] = s[d]
-                    index_right[xr] = d
+            if begin < end:
+                shift = columns - 1 - x + low
+                _offer(
+                    s[begin:end],
+                    begin,
+                    best_right[begin + shift : end + shift],
+                    index_right[begin + shift : end + shift],
+                )
         for x in range(columns):
-            at = index_right[x]
+            at = int(index_right[columns - 1 - x])
             if at < 0:
                 right[i, x] = np.float32(np.nan)
                 continue
             offset = 0.0
             xl = x + low + at
             if 0 < at < count - 1 and 0 < xl < columns - 1:
-                middle = float(one[y, xl, at])
-                before = float(one[y, xl - 1, at - 1]) - middle
-                after = float(one[y, xl + 1, at + 1]) - middle
+                middle = float(total[y, xl, at])
+                before = float(total[y, xl - 1, at - 1]) - middle
+                after = float(total[y, xl + 1, at + 1]) - middle
                 if before >= 0 and after >= 0 and before + after > 0:
                     offset = 0.5 * (before - after) / (before + after)
             right[i, x] = np.float32(low + at + offset)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from modules.matching.common import Bytes, assemble, checked_range, to_bytes
@@ -16,7 +19,7 @@ from modules.types import DisparityRange, FloatImage, Invalid, Matching
 
 OVERLAP_ROWS = 24  # rows matched beyond each strip, so that paths have settled where it begins
 FEWEST_ROWS = 16  # thinner strips spend most of their time on the overlap
-BYTES_PER_CELL = 5  # cost uint8 and two partial sums int16
+BYTES_PER_CELL = 3  # cost uint8 and sum of the paths int16
 SLOPE_LIMIT = 31  # largest difference of horizontal derivatives that still counts, DN
 # Probability that the error is below 1 px as a function of the relative excess e of the second best cost, fitted to
 # pairs with known truth (non-occluded pixels): 1 - (1 - CONFIDENCE_FLOOR) exp(-e / CONFIDENCE_SCALE).
@@ -62,6 +65,75 @@ def rows_per_strip(rows: int, columns: int, count: int, max_memory_mb: int) -> i
     return math.ceil(rows / math.ceil(rows / usable))
 
 
+@dataclass(frozen=True)
+class _Inputs:
+    """What the kernels read, for the whole image."""
+
+    bits: tuple[NDArray[np.uint32], NDArray[np.uint32]]
+    slopes: tuple[NDArray[np.int16], NDArray[np.int16]]
+    gray: NDArray[np.int32]
+    search: DisparityRange
+    p1: int
+    p2_of_step: NDArray[np.int16]
+
+
+@dataclass(frozen=True)
+class _Volumes:
+    """What the kernels write, for one strip; used again for the next."""
+
+    cost: NDArray[np.uint8]
+    total: NDArray[np.int16]
+    paths: NDArray[np.int16]
+    least: NDArray[np.int16]
+
+
+def _both(pool: ThreadPoolExecutor, work: Callable[..., None], one: tuple[int, ...], two: tuple[int, ...]) -> None:
+    """Do the same work on two parts at once and wait for both."""
+    for part in [pool.submit(work, *one), pool.submit(work, *two)]:
+        part.result()
+
+
+def _aggregate_strip(
+    pool: ThreadPoolExecutor, inputs: _Inputs, params: SemiGlobalMatchParams, top: int, bottom: int, volumes: _Volumes
+) -> None:
+    """Fill the cost of rows top to bottom and the sum of its eight paths."""
+    from modules.matching import kernels
+
+    gray = inputs.gray[top:bottom]
+    cost, total = volumes.cost[: bottom - top], volumes.total[: bottom - top]
+    limit = SLOPE_LIMIT if params.cost == "hybrid" else 0
+
+    def fill(first: int, last: int) -> None:
+        kernels.cost_rows(
+            inputs.bits[0],
+            inputs.bits[1],
+            inputs.slopes[0],
+            inputs.slopes[1],
+            inputs.search.min_px,
+            limit,
+            params.window_px // 2,
+            top + first,
+            top + last,
+            cost[first:last],
+        )
+        total[first:last] = 0
+
+    def sweep(backward: int, first: int, last: int) -> None:
+        paths, least = volumes.paths[backward], volumes.least[backward]
+        if first == 0:
+            kernels.start_paths(paths, least)
+        kernels.aggregate(
+            cost, gray, inputs.p1, inputs.p2_of_step, bool(backward), first, last, paths, least, total
+        )  # fmt: skip
+
+    rows = bottom - top
+    half = rows // 2
+    _both(pool, fill, (0, half), (half, rows))
+    # Each sweep covers the half where it starts and then, once both are there, the other: one sum serves both.
+    _both(pool, sweep, (0, 0, half), (1, 0, rows - half))
+    _both(pool, sweep, (0, half, rows), (1, rows - half, rows))
+
+
 def match_strips(
     left: Bytes, right: Bytes, search: DisparityRange, params: SemiGlobalMatchParams
 ) -> tuple[FloatImage, FloatImage, FloatImage]:
@@ -71,67 +143,53 @@ def match_strips(
     rows, columns = left.shape
     count = search.count
     height = rows_per_strip(rows, columns, count, params.max_memory_mb)
-    limit = SLOPE_LIMIT if params.cost == "hybrid" else 0
-    gray = left.astype(np.int32)
-    slopes = [
-        np.asarray(cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE), np.int16)
-        for image in (left, right)
-    ]
     step = np.arange(256)
     p1 = params.p1 * kernels.COST_UNITS
     p2 = np.maximum(params.p2 * kernels.COST_UNITS / (1.0 + params.p2_decay_per_dn * step), p1)
-    p2_of_step = np.rint(p2).astype(np.int16)
+    deepest = min(height + 2 * OVERLAP_ROWS, rows)
+    volumes = _Volumes(
+        np.empty((deepest, columns, count), np.uint8),
+        np.empty((deepest, columns, count), np.int16),
+        np.empty((2, 2, 3, columns + 2, count + 2), np.int16),
+        np.empty((2, 2, 3, columns + 2), np.int16),
+    )
     disparity, right_px, ratio = (np.empty((rows, columns), np.float32) for _ in range(3))
+    gray = left.astype(np.int32)
     with ThreadPoolExecutor(2) as pool:
-        bits = list(pool.map(kernels.census, (gray, right.astype(np.int32))))
+        left_bits, right_bits = pool.map(kernels.census, (gray, right.astype(np.int32)))
+        inputs = _Inputs(
+            bits=(left_bits, right_bits),
+            slopes=(_slope(left), _slope(right)),
+            gray=gray,
+            search=search,
+            p1=round(p1),
+            p2_of_step=np.rint(p2).astype(np.int16),
+        )
         for start in range(0, rows, height):
             stop = min(start + height, rows)
             top, bottom = max(start - OVERLAP_ROWS, 0), min(stop + OVERLAP_ROWS, rows)
-            cost = np.empty((bottom - top, columns, count), np.uint8)
-            middle = (top + bottom) // 2
-            halves = [
-                pool.submit(
-                    kernels.cost_rows,
-                    bits[0],
-                    bits[1],
-                    slopes[0],
-                    slopes[1],
-                    search.min_px,
-                    limit,
-                    params.window_px // 2,
-                    first,
-                    last,
-                    cost[first - top : last - top],
-                )
-                for first, last in ((top, middle), (middle, bottom))
-            ]
-            for half in halves:
-                half.result()
-            sums = [np.empty(cost.shape, np.int16) for _ in range(2)]
-            passes = [
-                pool.submit(kernels.aggregate, cost, gray[top:bottom], round(p1), p2_of_step, backward, total)
-                for backward, total in zip((False, True), sums, strict=True)
-            ]
-            for one in passes:
-                one.result()
-            middle = (start + stop) // 2
-            choices = [
-                pool.submit(
-                    kernels.select,
-                    sums[0],
-                    sums[1],
+            _aggregate_strip(pool, inputs, params, top, bottom, volumes)
+
+            def choose(first: int, last: int, top: int = top) -> None:
+                found = slice(first, last)
+                kernels.select(
+                    volumes.total,
                     first - top,
                     search.min_px,
                     params.subpixel == "equiangular",
-                    disparity[first:last],
-                    right_px[first:last],
-                    ratio[first:last],
+                    disparity[found],
+                    right_px[found],
+                    ratio[found],
                 )
-                for first, last in ((start, middle), (middle, stop))
-            ]
-            for choice in choices:
-                choice.result()
+
+            middle = (start + stop) // 2
+            _both(pool, choose, (start, middle), (middle, stop))
     return disparity, right_px, ratio
+
+
+def _slope(image: Bytes) -> NDArray[np.int16]:
+    """Return the horizontal derivative, times 8."""
+    return np.asarray(cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE), np.int16)
 
 
 def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matching:
@@ -186,7 +244,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=SemiGlobalMatchParams,
     function=semi_global_match,
-    cost=Cost(fixed_ms=5.0, ns_per_pixel=60.0, ns_per_pixel_disparity=15.0),
+    cost=Cost(fixed_ms=5.0, ns_per_pixel=60.0, ns_per_pixel_disparity=6.0),
     summary="Match by census and horizontal derivatives along eight paths.",
     suits="The most accurate matcher, immune to brightness differences; slower, and heavy noise needs a larger window.",
     needs=("numba",),
