@@ -14,11 +14,11 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property bench fmt lock wheel clean
+.PHONY: help env demo test lint unit doctest property bench bench-accuracy bench-inference mutation fmt lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
 
 env: $(STAMP)  ## Create or renew the environment in .venv from requirements.lock
 
@@ -52,8 +52,17 @@ doctest: $(STAMP)  ## Run the examples in the docstrings
 property: $(STAMP)  ## Run the property tests with many more examples, drawn anew
 	@HYPOTHESIS_PROFILE=thorough $(BIN)/pytest -n $(JOBS) --no-header -m hypothesis
 
-bench: $(STAMP)  ## Measure accuracy and the share of time of each step
+bench: $(STAMP)  ## Measure accuracy and the share of time of each step, per pair
 	@$(BIN)/python -m benchmarks
+
+bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over development pairs x distortions (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.accuracy $(ARGS)
+
+bench-inference: $(STAMP)  ## Measure inference: shipped rules and generated rule bases, both engines
+	@$(BIN)/python -m benchmarks.inference
+
+mutation: $(STAMP)  ## Change every rule a little and check that one of its cases fails
+	@$(BIN)/python tests/expert/mutation.py
 
 fmt: $(STAMP)  ## Format the code and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true
