@@ -5,14 +5,16 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
+from expert import explain
 from expert.decision import Decision, Status
 from expert.engine import make_engine
-from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, Task, to_fact, vocabulary
+from expert.explain import How, WhatIf, WhatItTakes, WhyNot
+from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, Scalar, Task, to_fact, vocabulary
 from expert.pair import StereoPair
 from expert.plan import Directives, StagePlan
 from expert.result import Result
@@ -116,6 +118,35 @@ class ExpertSystem:
         points, elevation = (final.points, final.elevation) if final else (None, None)
         decision = self._decision(pair, run, status)
         return Result(decision, matching.views, matching.disparity, points, elevation)
+
+    def how(self, decision: Decision, subject: str) -> How:
+        """Tell how a choice came about.
+
+        Parameters
+        ----------
+        decision : Decision
+            Made by this system, or by one with the same rules and read back by `Decision.from_json`.
+        subject : str
+            A stage, a slot (`matching.matcher`), an operator of the plan, or a finding.
+
+        Raises
+        ------
+        expert.explain.ExplainError
+            The decision knows no such thing, or was made with other rules. The same holds for the other questions.
+        """
+        return explain.how(decision, subject, self._knowledge.rules)
+
+    def why_not(self, decision: Decision, name: str) -> WhyNot:
+        """Tell why an operator was not chosen, or why a rule did not fire."""
+        return explain.why_not(decision, self._knowledge.rules, name)
+
+    def what_if(self, decision: Decision, overrides: Mapping[str, Scalar | None]) -> WhatIf:
+        """Tell what would be planned if facts had other values, e.g. `{"brightness.mean_difference_dn": 0.0}`."""
+        return explain.what_if(decision, self._knowledge.rules, self._knowledge.engine, overrides)
+
+    def what_would_it_take(self, decision: Decision, wanted: str) -> WhatItTakes:
+        """Tell the smallest change of facts that gives an operator, or `stage.slot=operator`."""
+        return explain.what_would_it_take(decision, self._knowledge.rules, self._knowledge.engine, wanted)
 
     def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None) -> Run:
         facts: dict[Fact, str | None] = {to_fact(model): None for model in self._stated(pair)}

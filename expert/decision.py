@@ -95,6 +95,27 @@ class Decision(Record):
         data: dict[str, Any] = {"decision_id": self.id, **self.model_dump(mode="json")}
         return json.dumps(data, indent=1, ensure_ascii=False) + "\n"
 
+    @classmethod
+    def from_json(cls, text: str) -> Decision:
+        """Read a record that `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            It is not such a record, is of another schema version, or was changed after it was written.
+        """
+        data = json.loads(text)
+        if not isinstance(data, dict) or "decision_id" not in data:
+            raise ValueError("not a decision record: there is no decision_id")
+        if data.get("schema_version") != SCHEMA_VERSION:
+            found = data.get("schema_version")
+            raise ValueError(f"the record has schema version {found!r}, this program reads {SCHEMA_VERSION}")
+        written = data.pop("decision_id")
+        decision = cls.model_validate(data)
+        if decision.id != written:
+            raise ValueError(f"the record was changed after it was written: its id is {written!r}, not {decision.id}")
+        return decision
+
     @property
     def rules_fired(self) -> tuple[str, ...]:
         """Ids of the rules that fired, sorted."""

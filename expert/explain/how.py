@@ -1,0 +1,145 @@
+"""How a choice came about."""
+
+from __future__ import annotations
+
+from expert.decision import Decision, FactRecord, FiringRecord
+from expert.explain.model import How, Node, number
+from expert.explain.record import check_digest, fact_of, findings_in, label, rules_by_id, source_of, unit_of, unknown
+from expert.facts import Vocabulary, vocabulary
+from expert.plan import Candidate, Step
+from expert.rules.explain import condition_text
+from expert.rules.load import LoadedRules
+from modules.catalog import probes
+
+INTERNAL = frozenset({"finding", "planned", "trial", "failure"})
+
+
+class _Teller:
+    """Builds the tree for one decision."""
+
+    def __init__(self, decision: Decision, rules: LoadedRules | None) -> None:
+        self.decision = decision
+        self.rules = rules
+        self.words: Vocabulary = vocabulary(probes().values())
+
+    def slot(self, stage: str, step: Step) -> Node:
+        children: list[Node] = []
+        if step.chosen_by is None:
+            children.append(Node(sentence="it is the default of the slot, and no rule's choice stood against it"))
+        else:
+            children += self.rule(step.chosen_by)
+        for name, value in sorted(step.parameters.items()):
+            rule = step.set_by.get(name)
+            if rule is not None and rule not in ("default", step.chosen_by):
+                children.append(Node(sentence=f"{name} = {value}, set by {rule}", children=self.rule(rule)))
+            elif rule is not None:
+                children.append(Node(sentence=f"{name} = {value}, set by {rule}"))
+        children += [self.loser(loser) for loser in step.losers if loser.rule is not None]
+        children += [
+            Node(sentence=f"rather than {item.parameter} = {number(item.value)} ({item.rule}): {item.lost_because}")
+            for item in step.lost_settings
+        ]
+        what = "nothing is done" if step.operator == "none" else step.operator
+        return Node(sentence=f"{stage}.{step.slot}: {what}", children=tuple(children))
+
+    def loser(self, loser: Candidate) -> Node:
+        what = "nothing" if loser.operator == "none" else loser.operator
+        return Node(sentence=f"rather than {what} ({loser.rule}, score {loser.score:g}): {loser.lost_because}")
+
+    def rule(self, rule: str, above: tuple[str, ...] = ()) -> tuple[Node, ...]:
+        """Return the firings of a rule, each once, or where else its wish came from."""
+        firings = [firing for firing in self.decision.firings if firing.rule == rule]
+        if not firings:
+            asked = [
+                trial
+                for trial in self.decision.trials
+                if rule in trial.answer.replace("(", " ").replace(")", " ").split()
+            ]
+            after = f" after {asked[0].stage} trial {asked[0].number}" if asked else " after an earlier trial"
+            return (Node(sentence=f"{rule} asked for it{after}"),)
+        return tuple(self.firing(firing, (*above, rule)) for firing in firings)
+
+    def firing(self, firing: FiringRecord, above: tuple[str, ...] = ()) -> Node:
+        where = f" ({source_of(self.rules, firing.rule)})" if self.rules else ""
+        because = " ".join(firing.because.split()).rstrip(".")
+        children = [*self.conditions(firing)]
+        children += [self.fact(record) for record in firing.bindings.values() if record.template not in INTERNAL]
+        children += self.findings(firing, above)
+        return Node(
+            sentence=f"{firing.rule} {firing.name}{where} fired: {because}",
+            children=tuple(children),
+        )
+
+    def conditions(self, firing: FiringRecord) -> list[Node]:
+        if self.rules is None:
+            return []
+        rule = rules_by_id(self.rules.base)[firing.rule]
+        thresholds = self.rules.base.thresholds
+        return [Node(sentence=f"when {condition_text(item, self.words, thresholds)}") for item in rule.when]
+
+    def findings(self, firing: FiringRecord, above: tuple[str, ...]) -> list[Node]:
+        """Return the findings that the rule asks for and that were there, with the rules that derived them."""
+        names = {str(record.fields.get("name")) for record in firing.bindings.values() if record.template == "finding"}
+        if self.rules is not None:
+            names |= {item.finding for item in findings_in(rules_by_id(self.rules.base)[firing.rule].when)}
+        nodes = []
+        for finding in self.decision.findings:
+            if finding.name in names:
+                sources = [name for name in finding.rules if name not in above]
+                below = tuple(node for name in sources for node in self.rule(name, above))
+                sentence = f"{finding.severity} finding {finding.name}: {finding.sentence}"
+                nodes.append(Node(sentence=sentence, children=below))
+        return nodes
+
+    def fact(self, record: FactRecord) -> Node:
+        keys = self.words[record.template].keys if record.template in self.words else ()
+        parts = [
+            f"{name} {number(value, unit_of(self.words, record.template, name))}"
+            for name, value in record.fields.items()
+            if name not in keys
+        ]
+        source = f"measured by {record.probe}" if record.probe else "stated, or concluded before"
+        return Node(sentence=f"{label(fact_of(record), self.words)}: {', '.join(parts)} ({source})")
+
+
+def how(decision: Decision, subject: str, rules: LoadedRules | None = None) -> How:
+    """Return the tree of firings and facts behind a choice.
+
+    Parameters
+    ----------
+    decision : Decision
+    subject : str
+        A stage (`matching`), a slot (`matching.matcher` or `matcher`), an operator of the plan, or a finding.
+    rules : LoadedRules, optional
+        The rules of the decision; with them every condition and every finding behind it is told.
+
+    Raises
+    ------
+    ExplainError
+        The decision has no such stage, slot, operator or finding, or was made with other rules.
+    """
+    if rules is not None:
+        check_digest(decision, rules)
+    teller = _Teller(decision, rules)
+    if subject == "measurement":
+        firings = [firing for firing in decision.firings if firing.stage == "measurement"]
+        return How(subject=subject, nodes=tuple(teller.firing(firing) for firing in firings))
+    steps = [(stage, step) for stage, plan in decision.plans.items() for step in plan.steps]
+    wanted = [
+        teller.slot(stage, step)
+        for stage, step in steps
+        if subject in (stage, f"{stage}.{step.slot}", step.slot) or (subject == step.operator and subject != "none")
+    ]
+    wanted += [
+        Node(
+            sentence=f"{finding.severity} finding {finding.name}: {finding.sentence}",
+            children=tuple(node for rule in finding.rules for node in teller.rule(rule)),
+        )
+        for finding in decision.findings
+        if finding.name == subject
+    ]
+    if not wanted:
+        known = [*decision.plans, *(f"{stage}.{step.slot}" for stage, step in steps)]
+        known += [step.operator for _, step in steps] + [finding.name for finding in decision.findings]
+        raise unknown("stage, slot, operator of the plan or finding", subject, known)
+    return How(subject=subject, nodes=tuple(wanted))

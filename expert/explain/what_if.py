@@ -1,0 +1,103 @@
+"""What would have been planned if facts had other values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from expert.decision import Decision
+from expert.explain.model import Change, StepChange, WhatIf
+from expert.explain.record import PRODUCT_OF, ExplainError, check_digest
+from expert.explain.replay import Outcome, Override, Replay, changes
+from expert.facts import Scalar
+from expert.firing import Engine
+from expert.plan import PlanError, Step
+from expert.rules.load import LoadedRules
+
+
+def what_if(decision: Decision, rules: LoadedRules, engine: Engine, overrides: Mapping[str, Scalar | None]) -> WhatIf:
+    """Plan all stages again from the recorded facts, some with other values, and say what changes.
+
+    Parameters
+    ----------
+    decision : Decision
+    rules : LoadedRules
+        The rules of the decision.
+    engine : Engine
+    overrides : mapping of str to scalar or None
+        `brightness.offset_dn`, or `noise[side=left].sigma_dn` for one of several facts; None for absent.
+
+    Raises
+    ------
+    ExplainError
+        A field is unknown, a value is not one it can have, or the rules are not those of the decision.
+    """
+    check_digest(decision, rules)
+    replay = Replay(decision, rules, engine)
+    wanted = [replay.parse(target, value) for target, value in overrides.items()]
+    before = replay.run()
+    try:
+        after = replay.run(wanted)
+    except PlanError as error:
+        raise ExplainError(f"with these values no plan can be made: {error}") from error
+    return WhatIf(
+        changes=changes(replay, wanted),
+        steps=step_changes(before, after),
+        findings_gone=_names(before.findings - after.findings),
+        findings_new=_names(after.findings - before.findings),
+        fired_no_more=tuple(sorted(before.fired - after.fired)),
+        fired_instead=tuple(sorted(after.fired - before.fired)),
+        notes=_notes(replay, wanted, before, after),
+    )
+
+
+def step_changes(before: Outcome, after: Outcome) -> tuple[StepChange, ...]:
+    """Return the slots that differ between two outcomes."""
+    found = []
+    for stage, plan in after.plans.items():
+        for old, new in zip(before.plans[stage].steps, plan.steps, strict=True):
+            if (old.operator, old.parameters) != (new.operator, new.parameters):
+                found.append(
+                    StepChange(
+                        slot=f"{stage}.{new.slot}",
+                        before=old.operator,
+                        after=new.operator,
+                        parameters=_parameters(old, new),
+                        before_by=old.chosen_by,
+                        after_by=new.chosen_by,
+                    )
+                )
+    return tuple(found)
+
+
+def _parameters(old: Step, new: Step) -> tuple[Change, ...]:
+    if old.operator != new.operator:
+        return ()
+    return tuple(
+        Change(fact=new.operator, field=name, before=old.parameters.get(name), after=value)
+        for name, value in new.parameters.items()
+        if old.parameters.get(name) != value
+    )
+
+
+def _names(findings: frozenset[tuple[str, str]]) -> tuple[str, ...]:
+    return tuple(f"{name} ({severity})" for name, severity in sorted(findings))
+
+
+def _notes(replay: Replay, wanted: list[Override], before: Outcome, after: Outcome) -> tuple[str, ...]:
+    notes = [
+        f"the record has no fact {item.template}; one with only this field was assumed"
+        for item in wanted
+        if not any(item.applies(fact) for fact in replay.facts)
+    ]
+    for name in sorted(after.asked - before.asked - replay.measured):
+        notes.append(f"a rule would ask for {name}, which was not run, so its facts are unknown")
+    for name in sorted(before.asked - after.asked):
+        notes.append(f"no rule would ask for {name}, so its facts were left out")
+    if any(severity == "critical" for _, severity in after.findings - before.findings):
+        notes.append("a critical finding forbids the reconstruction")
+    changed = {step.slot.partition(".")[0] for step in step_changes(before, after)}
+    for stage, product in PRODUCT_OF.items():
+        affected = changed & ({"correction", stage} if stage == "matching" else {"correction", "matching", stage})
+        if affected and replay._product.get(product):
+            notes.append(f"the facts about the {product} were kept as recorded, though another {product} would result")
+    return tuple(notes)
