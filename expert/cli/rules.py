@@ -4,49 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Literal, Optional
 
 import typer
 
+from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.engine import EngineName, make_engine
-from expert.facts import Vocabulary, vocabulary
 from expert.rules.cases import coverage, run_cases
 from expert.rules.check import as_json, check_rules
 from expert.rules.explain import sentence
-from expert.rules.load import LoadedRules, load_rules, shipped_file
 from expert.rules.model import STAGES
-from expert.rules.problem import RuleFileError, suggest
+from expert.rules.problem import RuleFileError
+from expert.rules.sarif import as_sarif
 from expert.rules.schema import json_schema
 from modules.catalog import operators, probes
 
 app = typer.Typer(help="Check, test, explain and show rule files.", no_args_is_help=True)
-
-Layers = Annotated[
-    Optional[list[Path]],  # noqa: UP045  typer reads the annotation at run time on Python 3.10
-    typer.Option("--rules", help="Rule file layered on top of the shipped rules; may be repeated."),
-]
-
-
-def _words() -> Vocabulary:
-    return vocabulary(probes().values())
-
-
-def _load(rules: list[Path] | None) -> LoadedRules:
-    """Load the rules, or print what is wrong with them and leave."""
-    try:
-        return load_rules(rules, _words(), operators(), probes())
-    except RuleFileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(_code(error)) from error
-
-
-def _code(error: RuleFileError) -> int:
-    return 2 if any(problem.code == "unreadable" for problem in error.problems) else 1
-
-
-def _is_shipped(path: Path) -> bool:
-    shipped = shipped_file()
-    return shipped is not None and path.exists() and path.samefile(shipped)
 
 
 @app.command()
@@ -58,14 +31,17 @@ def check(
     alone: Annotated[bool, typer.Option("--alone", help="Do not put the shipped rules below the files.")] = False,
     cases: Annotated[Optional[Path], typer.Option("--cases", help="Directory of the case files.")] = None,  # noqa: UP045
     no_cases: Annotated[bool, typer.Option("--no-cases", help="Do not ask for cases.")] = False,
-    as_data: Annotated[bool, typer.Option("--json", help="Write JSON.")] = False,
+    form: Annotated[Literal["text", "json", "sarif"], typer.Option("--format", help="How to write it.")] = "text",
+    as_data: Annotated[bool, typer.Option("--json", help="The same as --format json.")] = False,
 ) -> None:
     """Report every problem of rule files, with line and column."""
-    alone = alone or any(_is_shipped(path) for path in files or [])
+    alone = alone or any(is_shipped(path) for path in files or [])
     problems = check_rules(
-        files, _words(), operators(), probes(), shipped=not alone, cases=cases, with_cases=not no_cases
+        files, words(), operators(), probes(), shipped=not alone, cases=cases, with_cases=not no_cases
     )
-    if as_data:
+    if form == "sarif":
+        typer.echo(as_sarif(problems))
+    elif as_data or form == "json":
         typer.echo(as_json(problems))
     else:
         for problem in problems:
@@ -87,21 +63,21 @@ def run_rule_cases(
     engine: Annotated[str, typer.Option("--engine", help="compiled or experta.")] = "compiled",
 ) -> None:
     """Run the cases of rules."""
-    loaded, words = _load(rules), _words()
+    loaded, vocabulary = load(rules), words()
     for name in ids or []:
-        _known(loaded, name)
+        known(loaded, name)
     try:
-        results = run_cases(loaded, make_engine(_engine_name(engine), words), words, ids or None, cases)
+        results = run_cases(loaded, make_engine(_engine_name(engine), vocabulary), vocabulary, ids or None, cases)
     except RuleFileError as error:
         typer.echo(str(error), err=True)
-        raise typer.Exit(_code(error)) from error
+        raise typer.Exit(exit_code(error)) from error
     failed = [result for result in results if not result.passed]
     for result in failed:
         typer.echo(str(result))
     typer.echo(f"{len(results)} cases, {len(failed)} failed")
     complete = True
     if show_coverage:
-        found = coverage(loaded, results, words, ids or None)
+        found = coverage(loaded, results, vocabulary, ids or None)
         complete = found.complete
         for label, missing in (
             ("firing case", found.without_firing),
@@ -122,22 +98,15 @@ def _engine_name(name: str) -> EngineName:
     raise typer.Exit(2)
 
 
-def _known(loaded: LoadedRules, name: str) -> None:
-    if name not in loaded.merged.rules:
-        hint = suggest(name, loaded.merged.rules)
-        typer.echo(f"there is no rule {name}" + (f"; {hint}" if hint else ""), err=True)
-        raise typer.Exit(2)
-
-
 @app.command()
 def explain(name: Annotated[str, typer.Argument(metavar="ID", help="Id of the rule.")], rules: Layers = None) -> None:
     """Write one rule in plain English."""
-    loaded = _load(rules)
-    _known(loaded, name)
+    loaded = load(rules)
+    known(loaded, name)
     rule = loaded.merged.rules[name][0]
     file, line = loaded.positions[name]
     typer.echo(f"{rule.id} {rule.name} ({file}:{line}, priority {rule.priority})")
-    typer.echo(sentence(rule, _words(), loaded.base.thresholds))
+    typer.echo(sentence(rule, words(), loaded.base.thresholds))
     typer.echo(f"References: {'; '.join(rule.references)}")
 
 
@@ -148,7 +117,7 @@ def show(
     as_data: Annotated[bool, typer.Option("--json", help="Write the merged rule base as JSON.")] = False,
 ) -> None:
     """List the rules that are in force, by stage."""
-    loaded = _load(rules)
+    loaded = load(rules)
     if as_data:
         typer.echo(loaded.base.model_dump_json(by_alias=True, exclude_none=True, indent=2))
         return
@@ -166,4 +135,4 @@ def show(
 @app.command()
 def schema() -> None:
     """Write the JSON Schema of the rule file, for editors."""
-    typer.echo(json.dumps(json_schema(_words(), operators(), probes()), indent=2, ensure_ascii=False))
+    typer.echo(json.dumps(json_schema(words(), operators(), probes()), indent=2, ensure_ascii=False))

@@ -51,6 +51,16 @@ def test_check_writes_json(rules):
     assert [item["code"] for item in json.loads(result.output)] == ["undeclared-finding"]
 
 
+def test_check_writes_the_format_that_is_asked_for(rules):
+    rules.write_text(RULES.replace("derive: slow", "derive: slo"))
+    result = invoke("check", rules, "--alone", "--format", "json")
+    assert [item["code"] for item in json.loads(result.output)] == ["undeclared-finding"]
+    result = invoke("check", rules, "--alone", "--format", "sarif")
+    assert result.exit_code == 1
+    assert [item["ruleId"] for item in json.loads(result.output)["runs"][0]["results"]] == ["undeclared-finding"]
+    assert invoke("check", rules, "--format", "xml").exit_code == 2
+
+
 def test_check_leaves_with_2_when_a_file_cannot_be_read(tmp_path):
     assert invoke("check", tmp_path / "none.yaml", "--alone").exit_code == 2
 
