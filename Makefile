@@ -52,8 +52,9 @@ doctest: $(STAMP)  ## Run the examples in the docstrings
 property: $(STAMP)  ## Run the property tests with many more examples, drawn anew
 	@HYPOTHESIS_PROFILE=thorough $(BIN)/pytest -n $(JOBS) --no-header -m hypothesis
 
-bench: $(STAMP)  ## Measure accuracy and the share of time of each step, per pair
+bench: $(STAMP)  ## Measure accuracy and the share of time per pair, and the elevation error on rendered terrain
 	@$(BIN)/python -m benchmarks
+	@$(BIN)/python -m benchmarks.terrain
 
 bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over development pairs x distortions (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.accuracy $(ARGS)
