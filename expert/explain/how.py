@@ -9,6 +9,7 @@ from expert.facts import Vocabulary, vocabulary
 from expert.plan import Candidate, Step
 from expert.rules.explain import condition_text
 from expert.rules.load import LoadedRules
+from expert.rules.model import Comparison, Condition
 from modules.catalog import probes
 
 INTERNAL = frozenset({"finding", "planned", "trial", "failure"})
@@ -62,8 +63,9 @@ class _Teller:
     def firing(self, firing: FiringRecord, above: tuple[str, ...] = ()) -> Node:
         where = f" ({source_of(self.rules, firing.rule)})" if self.rules else ""
         because = " ".join(firing.because.split()).rstrip(".")
-        children = [*self.conditions(firing)]
-        children += [self.fact(record) for record in firing.bindings.values() if record.template not in INTERNAL]
+        children = self.conditions(firing)
+        if self.rules is None:
+            children = [self.fact(record) for record in firing.bindings.values() if record.template not in INTERNAL]
         children += self.findings(firing, above)
         return Node(
             sentence=f"{firing.rule} {firing.name}{where} fired: {because}",
@@ -75,7 +77,23 @@ class _Teller:
             return []
         rule = rules_by_id(self.rules.base)[firing.rule]
         thresholds = self.rules.base.thresholds
-        return [Node(sentence=f"when {condition_text(item, self.words, thresholds)}") for item in rule.when]
+        return [
+            Node(sentence=f"when {condition_text(item, self.words, thresholds)}{self.measured(item, firing)}")
+            for item in rule.when
+        ]
+
+    def measured(self, condition: Condition, firing: FiringRecord) -> str:
+        """Say what a condition found, and who measured it."""
+        if not isinstance(condition, Comparison) or condition.name not in firing.bindings:
+            return ""
+        record = firing.bindings[condition.name]
+        if record.template in INTERNAL:
+            return ""
+        name = label(fact_of(record), self.words)
+        if condition.field is None:
+            return f": {name}"
+        value = number(record.fields.get(condition.field), unit_of(self.words, record.template, condition.field))
+        return f": {value} in {name} ({_source(record)})"
 
     def findings(self, firing: FiringRecord, above: tuple[str, ...]) -> list[Node]:
         """Return the findings that the rule asks for and that were there, with the rules that derived them."""
@@ -98,8 +116,21 @@ class _Teller:
             for name, value in record.fields.items()
             if name not in keys
         ]
-        source = f"measured by {record.probe}" if record.probe else "stated, or concluded before"
-        return Node(sentence=f"{label(fact_of(record), self.words)}: {', '.join(parts)} ({source})")
+        return Node(sentence=f"{label(fact_of(record), self.words)}: {', '.join(parts)} ({_source(record)})")
+
+    def trials(self, stage: str) -> list[Node]:
+        """Return what became of the trials of a stage."""
+        nodes = []
+        for trial in self.decision.trials:
+            if trial.stage == stage:
+                score = "no score" if trial.score is None else f"score {trial.score:.3f}"
+                kept = ", kept" if trial.kept else ""
+                nodes.append(Node(sentence=f"trial {trial.number}: {score}{kept}; {trial.failure or trial.answer}"))
+        return nodes
+
+
+def _source(record: FactRecord) -> str:
+    return f"measured by {record.probe}" if record.probe else "stated"
 
 
 def how(decision: Decision, subject: str, rules: LoadedRules | None = None) -> How:
@@ -130,6 +161,7 @@ def how(decision: Decision, subject: str, rules: LoadedRules | None = None) -> H
         for stage, step in steps
         if subject in (stage, f"{stage}.{step.slot}", step.slot) or (subject == step.operator and subject != "none")
     ]
+    wanted += teller.trials(subject)
     wanted += [
         Node(
             sentence=f"{finding.severity} finding {finding.name}: {finding.sentence}",

@@ -162,6 +162,8 @@ class WhatIf(Record):
     findings_new: tuple[str, ...] = ()
     fired_no_more: tuple[str, ...] = ()
     fired_instead: tuple[str, ...] = ()
+    repairs_gone: tuple[str, ...] = ()
+    repairs_new: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def text(self) -> str:
@@ -173,6 +175,8 @@ class WhatIf(Record):
             ("new findings", self.findings_new),
             ("rules that no longer fire", self.fired_no_more),
             ("rules that fire instead", self.fired_instead),
+            ("no longer asked of the next trial", self.repairs_gone),
+            ("asked of the next trial", self.repairs_new),
         ):
             if items:
                 lines.append(f"  {title}: {', '.join(items)}")
@@ -208,15 +212,30 @@ class WhatItTakes(Record):
     tried: int = 0
     complete: bool = True
     already: bool = False
+    proposed_by: tuple[str, ...] = ()
 
     def text(self) -> str:
         """Write it as lines."""
         if self.already:
             return f"{self.slot} is filled by {self.operator} already.\n"
         if not self.ways:
-            scope = f"{self.tried} changes of one and of two fields at the limits of the rules were tried"
-            if not self.complete:
-                scope += ", and the search stopped there"
-            return f"No change was found that gives {self.operator} instead of {self.now} in {self.slot}: {scope}.\n"
+            return f"{self._none()}\n"
         lines = [f"{self.slot} would be {self.operator} instead of {self.now} with, the smallest change first:"]
         return "\n".join([*lines, *(f"  {way.text()}" for way in self.ways)]) + "\n"
+
+    def _none(self) -> str:
+        if not self.proposed_by:
+            return (
+                f"No change of facts gives {self.operator} instead of {self.now} in {self.slot}: "
+                "no rule ever chooses it, and it is not the default."
+            )
+        rules = ", ".join(self.proposed_by)
+        if not self.complete:
+            return (
+                f"No change was found that gives {self.operator} instead of {self.now} in {self.slot}; "
+                f"the search stopped after {self.tried} plans. It is proposed by: {rules}."
+            )
+        return (
+            f"No change of one or two fields gives {self.operator} instead of {self.now} in {self.slot} "
+            f"(all {self.tried} at the limits of the rules were tried). It is proposed by: {rules}."
+        )

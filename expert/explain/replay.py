@@ -63,6 +63,7 @@ class Outcome:
     findings: frozenset[tuple[str, str]] = frozenset()
     fired: frozenset[str] = frozenset()
     asked: frozenset[str] = frozenset()  # dearer probes
+    repairs: frozenset[str] = frozenset()  # what the assessment of the products asks of the next trial
 
 
 class Replay:
@@ -124,14 +125,20 @@ class Replay:
         course = _Course(self, overrides)
         for stage in STAGES[: STAGES.index(until) + 1]:
             course.go(stage)
-        return Outcome(course.plans, frozenset(course.findings), frozenset(course.fired), frozenset(course.asked))
+        return Outcome(
+            course.plans,
+            frozenset(course.findings),
+            frozenset(course.fired),
+            frozenset(course.asked),
+            frozenset(course.repairs),
+        )
 
     def asked(self, result: Firings) -> set[str]:
         """Return the probes that fired rules ask for."""
         actions = [self._rules[firing.rule].then[item.index] for firing in result.firings for item in firing.actions]
         return {action.measure for action in actions if isinstance(action, Measure)}
 
-    def directives(self, stage: Stage, before: Directives, result: Firings) -> Directives:
+    def directives(self, before: Directives, result: Firings) -> Directives:
         """Add what an assessment asks of the next trial."""
         merged = dict(before.candidates)
         for slot, found in proposals(self._rules, result.firings, operators(), (Repair,)).items():
@@ -178,6 +185,7 @@ class _Course:
         self.findings: set[tuple[str, str]] = set()
         self.fired: set[str] = set()
         self.asked: set[str] = set()
+        self.repairs: set[str] = set()
 
     def changed(self, facts: Iterable[Fact]) -> list[Fact]:
         result = list(facts)
@@ -211,6 +219,7 @@ class _Course:
         plan = settle(replay.rules.base, stage, result.firings, operators(), directives, failed)
         if product:
             result = self.infer(stage, [*extra, *product])
+            self.repairs |= _wishes(replay.directives(Directives(), result))
         self.plans[stage] = plan
         self.conclude(result)
         self.facts.update([*product, *planned_facts(plan)])
@@ -229,7 +238,7 @@ class _Course:
             extra = [to_fact(TrialFact(number=trial.number))]
             extra += [to_fact(FailureFact(operator=name, stage=stage)) for name in sorted(failed)]
             found = self.changed(fact_of(record) for record in trial.product_facts)
-            directives = self.replay.directives(stage, directives, self.infer(stage, [*extra, *found]))
+            directives = self.replay.directives(directives, self.infer(stage, [*extra, *found]))
         return directives, failed
 
     def conclude(self, result: Firings) -> None:
@@ -238,6 +247,13 @@ class _Course:
                 self.facts.add(fact)
                 self.findings.add((str(fact.get("name")), str(fact.get("severity"))))
         self.fired |= {firing.rule for firing in result.firings}
+
+
+def _wishes(directives: Directives) -> set[str]:
+    candidates = [item for items in directives.candidates.values() for item in items]
+    return {f"{item.operator} ({item.rule})" for item in candidates} | {
+        f"another {step.parameter} of {step.operator} ({step.rule})" for step in directives.adjustments
+    }
 
 
 def checked(info: FieldInfo, target: str, value: Any) -> Scalar | None:

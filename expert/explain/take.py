@@ -17,8 +17,8 @@ from expert.plan import NONE, PlanError, Step
 from expert.rules.checks.context import walk
 from expert.rules.evaluate import SIGNIFICANT_SIGMAS, Evaluator, finding_of
 from expert.rules.load import LoadedRules
-from expert.rules.model import STAGES, Choose, Comparison, Exclude, Measure, Repair, Rule, Stage
-from modules.catalog import operators
+from expert.rules.model import STAGES, Action, Choose, Comparison, Exclude, Measure, Repair, Rule, Stage
+from modules.catalog import operators, probes
 
 MAX_PLANS = 1500  # plans tried for one question
 MAX_WAYS = 3
@@ -83,8 +83,29 @@ def what_would_it_take(decision: Decision, rules: LoadedRules, engine: Engine, w
                 ways.append(Way(changes=changes(replay, overrides), cost=cost, chosen_by=step.chosen_by))
         if ways:
             break
-    complete = tried < MAX_PLANS
-    return WhatItTakes(slot=name, operator=operator, now=now.operator, ways=tuple(ways), tried=tried, complete=complete)
+    return WhatItTakes(
+        slot=name,
+        operator=operator,
+        now=now.operator,
+        ways=tuple(ways),
+        tried=tried,
+        complete=tried < MAX_PLANS,
+        proposed_by=_proposers(rules, stage, slot, operator),
+    )
+
+
+def _proposers(rules: LoadedRules, stage: Stage, slot: str, operator: str) -> tuple[str, ...]:
+    """Return the rules that give an operator to a slot, and `the default` where that gives it."""
+    found = {
+        rule.id
+        for rule in rules.base.rules
+        for action in rule.then
+        if isinstance(action, Choose | Repair)
+        and proposes(action) == operator
+        and (operator != NONE or (rule.stage, action.slot) == (stage, slot))
+    }
+    declared = next(item for item in rules.base.slots[stage] if item.slot == slot)
+    return (*sorted(found), *(["the default"] if declared.default == operator else []))
 
 
 def _goal(rules: LoadedRules, wanted: str) -> tuple[Stage, str, str]:
@@ -148,12 +169,10 @@ def _relevant(rules: LoadedRules, stage: Stage, slot: str) -> list[Rule]:
     return found
 
 
-def _serves(action: object, findings: set[str], templates: set[str]) -> bool:
-    from modules.catalog import probes
-
+def _serves(action: Action, findings: set[str], templates: set[str]) -> bool:
     if isinstance(action, Measure):
         return any(model.template in templates for model in probes()[action.measure].templates)
-    derived = finding_of(action)  # type: ignore[arg-type]
+    derived = finding_of(action)
     return derived is not None and (derived.get("name") in findings or "finding" in templates)
 
 

@@ -46,6 +46,8 @@ def what_if(decision: Decision, rules: LoadedRules, engine: Engine, overrides: M
         findings_new=_names(after.findings - before.findings),
         fired_no_more=tuple(sorted(before.fired - after.fired)),
         fired_instead=tuple(sorted(after.fired - before.fired)),
+        repairs_gone=tuple(sorted(before.repairs - after.repairs)),
+        repairs_new=tuple(sorted(after.repairs - before.repairs)),
         notes=_notes(replay, wanted, before, after),
     )
 
@@ -89,6 +91,10 @@ def _notes(replay: Replay, wanted: list[Override], before: Outcome, after: Outco
         for item in wanted
         if not any(item.applies(fact) for fact in replay.facts)
     ]
+    for stage, plan in before.plans.items():
+        recorded = replay.decision.plans.get(stage)
+        if recorded is not None and recorded.configuration() != plan.configuration():
+            notes.append(f"trials of a later stage changed the plan of {stage}; the plan before them is compared")
     for name in sorted(after.asked - before.asked - replay.measured):
         notes.append(f"a rule would ask for {name}, which was not run, so its facts are unknown")
     for name in sorted(before.asked - after.asked):

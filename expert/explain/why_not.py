@@ -197,11 +197,26 @@ def _why_not_operator(inquiry: _Inquiry, operator: Operator) -> WhyNot:
             return WhyNot(
                 name=name, kind="operator", outcome=answer[0], sentence=sentence, rules=tuple(_unfired(verdicts))
             )
+    if any(verdict.fired for verdict in verdicts):
+        sentence = f"{name} does not fill {slot}, which {holder} fills: " + _without_effect(inquiry, verdicts)
+        return WhyNot(name=name, kind="operator", outcome="lost", sentence=sentence, rules=tuple(_unfired(verdicts)))
     if not verdicts:
         sentence = f"No rule ever chooses {name}; {slot} is filled by {holder}."
         return WhyNot(name=name, kind="operator", outcome="never", sentence=sentence)
     sentence = f"{name} does not fill {slot}, which {holder} fills: no rule that proposes it fired."
     return WhyNot(name=name, kind="operator", outcome="conditions", sentence=sentence, rules=tuple(verdicts))
+
+
+def _without_effect(inquiry: _Inquiry, verdicts: Sequence[RuleVerdict]) -> str:
+    """Say why rules that fired gave no candidate: asked too late, or a parameter that could not be computed."""
+    parts = []
+    rules = rules_by_id(inquiry.rules.base)
+    for verdict in verdicts:
+        if verdict.fired and any(isinstance(action, Repair) for action in rules[verdict.rule].then):
+            parts.append(f"{verdict.rule} asked for it after the trial that was kept, and no better trial came of it")
+        elif verdict.fired:
+            parts.append(f"{verdict.rule} fired, but a fact that its parameters are computed from is not known")
+    return "; ".join(parts) + "."
 
 
 def _unfired(verdicts: Sequence[RuleVerdict]) -> list[RuleVerdict]:

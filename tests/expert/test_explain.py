@@ -141,7 +141,7 @@ def test_how_tells_rule_condition_fact_unit_probe_and_the_finding_below(decision
     assert ") fired: One map removes the difference" in text
     assert "major finding exposure-differs: the images differ in exposure" in text
     assert "mean_difference_dn of brightness is at least 6 dn in magnitude" in text
-    assert "mean_difference_dn 9 dn (measured by measurement.brightness)" in text
+    assert "in magnitude: 9 dn in brightness (measured by measurement.brightness)" in text
     assert "rather than correction.fit_gain_offset (COR902, score 0.6): score 0.6 is below 0.8" in text
 
 
@@ -275,10 +275,15 @@ def test_that_no_change_of_two_fields_is_enough_is_stated(rules, engine):
     del facts[Fact.of("noise", left_sigma_dn=1.0, right_sigma_dn=2.0)]
     answer = what_would_it_take(decide(rules, engine, facts), rules, engine, "correction.denoise_gaussian")
     assert (answer.ways, answer.complete) == ((), True)
-    assert answer.text().startswith("No change was found that gives correction.denoise_gaussian instead of none")
+    assert answer.text().startswith("No change of one or two fields gives correction.denoise_gaussian instead of none")
 
 
 def test_other_rules_than_those_of_the_record_are_refused(decision, rules):
     other = decision.model_copy(update={"rules_digest": "0" * 64})
     with pytest.raises(ExplainError, match="give the rule files of that run with --rules"):
         why_not(other, rules, "COR901")
+
+
+def test_that_no_rule_ever_gives_an_operator_is_stated(decision, rules, engine):
+    answer = what_would_it_take(decision, rules, engine, "matching.matcher=none")
+    assert "no rule ever chooses it, and it is not the default" in answer.text()
