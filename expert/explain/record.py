@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from expert.decision import Decision, FactRecord
 from expert.facts import Fact, Vocabulary, to_fact
+from expert.facts import Failure as FailureFact
 from expert.facts import Planned as PlannedFact
 from expert.facts import Trial as TrialFact
 from expert.plan import StagePlan
@@ -71,7 +72,14 @@ def facts_of_stage(decision: Decision, stage: Stage) -> list[Fact]:
             facts.update(planned_facts(decision.plans[name]))
     if stage != "measurement":
         facts.add(to_fact(TrialFact(number=kept_trial(decision, stage))))
+        facts.update(to_fact(FailureFact(operator=name, stage=stage)) for name in failed_operators(decision, stage))
     return sorted(facts, key=str)
+
+
+def failed_operators(decision: Decision, stage: Stage) -> list[str]:
+    """Return the operators that failed in trials of a stage."""
+    failures = [trial.failure for trial in decision.trials if trial.stage == stage and trial.failure is not None]
+    return sorted({failure.partition(":")[0] for failure in failures})
 
 
 def kept_trial(decision: Decision, stage: Stage) -> int:

@@ -122,9 +122,13 @@ class Replay:
         PlanError
             The facts give a parameter outside its range.
         """
+        again = any(trial.stage == "matching" and trial.number > 1 for trial in self.decision.trials)
+        last: Stage = "matching" if again and until == "correction" else until
         course = _Course(self, overrides)
-        for stage in STAGES[: STAGES.index(until) + 1]:
-            course.go(stage)
+        course.go_to(last)
+        if course.reaches_back():  # a trial of the matching asked for another correction: start again with its wishes
+            course = _Course(self, overrides, course.asked_of_correction)
+            course.go_to(last)
         return Outcome(
             course.plans,
             frozenset(course.findings),
@@ -175,8 +179,10 @@ class Replay:
 class _Course:
     """One way through the stages."""
 
-    def __init__(self, replay: Replay, overrides: Sequence[Override]) -> None:
+    def __init__(self, replay: Replay, overrides: Sequence[Override], wanted: Directives | None = None) -> None:
         self.replay, self.overrides = replay, overrides
+        self.wanted = wanted  # what trials of the matching ask for, where that is known already
+        self.asked_of_correction = Directives()
         self.facts: set[Fact] = set(self.changed(replay._cheap))
         for item in overrides:
             if not any(item.applies(fact) for fact in replay.facts):
@@ -205,6 +211,17 @@ class _Course:
                 self.facts.update(self.changed(replay._dear.get(name, ())))
         return result
 
+    def go_to(self, last: Stage) -> None:
+        """Go through the stages up to one."""
+        for stage in STAGES[: STAGES.index(last) + 1]:
+            self.go(stage)
+
+    def reaches_back(self) -> bool:
+        """Say whether trials of the matching asked for something of the correction."""
+        asked = self.asked_of_correction
+        slots = any(slot.startswith("correction.") for slot in asked.candidates)
+        return slots or any(step.operator.startswith("correction.") for step in asked.adjustments)
+
     def go(self, stage: Stage) -> None:
         """Infer and settle one stage, and assess its product where the record has one."""
         replay = self.replay
@@ -212,6 +229,10 @@ class _Course:
             self.conclude(self.infer(stage))
             return
         directives, failed = self.wishes(stage)
+        if self.wanted is not None and stage in ("correction", "matching"):
+            directives = self.wanted
+        if stage == "matching":
+            self.asked_of_correction = directives
         product = self.changed(replay._product.get(PRODUCT_OF.get(stage, ""), ()))
         extra = [to_fact(TrialFact(number=kept_trial(replay.decision, stage)))]
         extra += [to_fact(FailureFact(operator=name, stage=stage)) for name in sorted(failed)]
