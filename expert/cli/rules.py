@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Optional
 
 import typer
 
+from expert.cli import rule_writing
 from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.engine import EngineName, make_engine
 from expert.rules.cases import coverage, run_cases
@@ -136,3 +137,6 @@ def show(
 def schema() -> None:
     """Write the JSON Schema of the rule file, for editors."""
     typer.echo(json.dumps(json_schema(words(), operators(), probes()), indent=2, ensure_ascii=False))
+
+
+app.command()(rule_writing.graph)

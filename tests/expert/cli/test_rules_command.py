@@ -105,3 +105,19 @@ def test_explain_and_show_tell_where_a_rule_comes_from(rules):
 def test_an_unknown_rule_or_engine_is_wrong_usage(rules, cases):
     assert invoke("explain", "COR999", "--rules", rules).exit_code == 2
     assert invoke("test", "--rules", rules, "--cases", cases, "--engine", "clips").exit_code == 2
+
+
+def test_the_graph_shows_the_rules_of_a_stage_or_the_ones_asked_for(rules):
+    assert "rule_COR901" in invoke("graph", "--rules", rules, "--stage", "correction").output
+    assert "rule_COR901" not in invoke("graph", "--rules", rules, "--stage", "matching").output
+    assert invoke("graph", "COR901", "--rules", rules).output == (
+        "flowchart LR\n"
+        '  fact_task[("task")]\n'
+        '  finding_slow{{"slow"}}\n'
+        "  subgraph correction\n"
+        '    rule_COR901["COR901 under-test"]\n'
+        "  end\n"
+        '  fact_task -->|"profile"| rule_COR901\n'
+        '  rule_COR901 -->|"derive"| finding_slow\n'
+    )
+    assert invoke("graph", "COR999", "--rules", rules).exit_code == 2
