@@ -100,24 +100,38 @@ class ExpertSystem:
         if run.critical():
             return Result(self._decision(pair, run, "failed"), pair.views)
         corrector = _Corrector(run, pair.views)
-        matching: Matching | None = run.run_stage("matching", "disparity", lambda d: Matching(corrector.corrected(d)))
+
+        def unmatched(directives: Directives) -> Matching:
+            return Matching(corrector.corrected(directives))
+
+        matching: Matching | None = run.run_stage("matching", "disparity", unmatched)
         if matching is None or matching.disparity is None or run.critical():
             views, disparity = (matching.views, matching.disparity) if matching else (corrector.views, None)
-            return Result(self._decision(pair, run, "failed"), views, disparity)
-        scene = Scene(
-            disparity=matching.disparity,
-            left=pair.left,
-            calibration=pair.calibration,
-            attitude=pair.attitude,
-            mount=pair.mount or Mount(),
-        )
-        final: Scene | None = run.run_stage("reconstruction", "terrain", lambda _: scene)
+            return Result(self._decision(pair, run, "failed"), views, disparity, original=pair.views)
+        matchings = [(matching, matching.disparity)]
+
+        def scene(directives: Directives) -> Scene:
+            if directives.touch(("correction", "matching")):
+                again: Matching = run.run_again("matching", "disparity", directives, unmatched)
+                if again.disparity is not None:
+                    matchings.append((again, again.disparity))
+            return Scene(
+                disparity=matchings[-1][1],
+                left=pair.left,
+                calibration=pair.calibration,
+                attitude=pair.attitude,
+                mount=pair.mount or Mount(),
+            )
+
+        final: Scene | None = run.run_stage("reconstruction", "terrain", scene)
+        if final is not None:  # the matching that the kept terrain was made of
+            matching = next(made for made, disparity in matchings if disparity is final.disparity)
         status: Status = "disparity_only" if pair.calibration is None else "reconstructed"
         if run.critical() or (pair.calibration is not None and (final is None or final.elevation is None)):
             status = "failed"
         points, elevation = (final.points, final.elevation) if final else (None, None)
         decision = self._decision(pair, run, status)
-        return Result(decision, matching.views, matching.disparity, points, elevation)
+        return Result(decision, matching.views, matching.disparity, points, elevation, original=pair.views)
 
     def how(self, decision: Decision, subject: str) -> How:
         """Tell how a choice came about.

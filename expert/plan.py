@@ -105,6 +105,19 @@ class Directives(Record):
     candidates: dict[str, tuple[Candidate, ...]] = {}
     adjustments: tuple[Adjustment, ...] = ()
 
+    def touch(self, stages: Sequence[str]) -> bool:
+        """Return whether anything is asked of one of these stages."""
+        asked = [*self.candidates, *(step.operator for step in self.adjustments)]
+        return any(name.split(".", 1)[0] in stages for name in asked)
+
+    def joined(self, later: Directives) -> Directives:
+        """Return what these and later directives ask for together, everything once."""
+        merged = dict(self.candidates)
+        for slot, candidates in later.candidates.items():
+            known = merged.get(slot, ())
+            merged[slot] = known + tuple(candidate for candidate in candidates if candidate not in known)
+        return Directives(candidates=merged, adjustments=self.adjustments + later.adjustments)
+
 
 def _slot_of(name: str, slot: str | None, stage: Stage, operators: Mapping[str, Operator]) -> str:
     if name == NONE:

@@ -17,7 +17,7 @@ from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
 from expert.facts import SEVERITIES, Fact, Failure, Planned, to_fact
 from expert.facts import Trial as TrialFact
 from expert.firing import Engine, Firings
-from expert.plan import NONE, Candidate, Directives, StagePlan, adjustments, proposals, settle
+from expert.plan import NONE, Directives, StagePlan, adjustments, proposals, settle
 from expert.rules.load import LoadedRules
 from expert.rules.model import STAGES, Assess, Derive, Measure, Repair, Rule, Stage
 from modules.measurement.sample import Sample
@@ -40,6 +40,10 @@ class Knowledge:
     probes: Mapping[str, Probe]
 
 
+Start = Callable[[Directives], Any]
+Earlier = tuple[Firings, StagePlan, Mapping[Fact, str | None]]
+
+
 @dataclass(frozen=True)
 class Attempt:
     """One trial that gave a product."""
@@ -49,7 +53,8 @@ class Attempt:
     product: Any
     found: Mapping[Fact, str | None]  # facts about the product, and their probes
     assessed: Firings
-    earlier: Mapping[Stage, tuple[Firings, StagePlan]]  # what the stages before had concluded and run
+    earlier: Mapping[Stage, Earlier]  # what the stages before had concluded, run and produced
+    directives: Directives
 
     @property
     def score(self) -> float | None:
@@ -77,6 +82,7 @@ class Run:
     concluded: dict[Stage, Firings] = field(default_factory=dict)
     plans: dict[Stage, StagePlan] = field(default_factory=dict)
     product_facts: dict[Stage, Mapping[Fact, str | None]] = field(default_factory=dict)
+    asked: dict[Stage, Directives] = field(default_factory=dict)  # of the kept trial of each stage
     trials: list[TrialRecord] = field(default_factory=list)
     timings_s: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -201,7 +207,7 @@ class Run:
                     raise StepFailed(step.operator, str(error)) from error
         return state
 
-    def run_stage(self, stage: Stage, subject: Subject | None, start: Callable[[Directives], Any]) -> Any:
+    def run_stage(self, stage: Stage, subject: Subject | None, start: Start) -> Any:
         """Run one stage until its product is accepted or the trials are used up; return the best product, or None.
 
         Parameters
@@ -218,7 +224,11 @@ class Run:
         tried: set[Any] = set()
         attempts: list[Attempt] = []
         for number in range(1, MAX_TRIALS + 1):
-            state = start(directives)
+            try:
+                state = start(directives)
+            except StepFailed as error:
+                self.notes.append(f"{stage} trial {number} ended in an earlier stage: {error}")
+                break
             extra = _trial_facts(stage, number, failed)
             result = self.infer(stage, extra)
             plan = self._settle(stage, result, directives, failed)
@@ -235,8 +245,12 @@ class Run:
                 continue
             found = self._measure_product(subject, product)
             assessed = self.infer(stage, {**extra, **found})
-            before = {name: (self.concluded[name], self.plans[name]) for name in earlier if name in self.plans}
-            attempt = Attempt(number, plan, product, found, assessed, before)
+            before = {
+                name: (self.concluded[name], self.plans[name], self.product_facts.get(name, {}))
+                for name in earlier
+                if name in self.plans
+            }
+            attempt = Attempt(number, plan, product, found, assessed, before, directives)
             attempts.append(attempt)
             extended = self._extend(directives, attempt.assessed)
             self.trials.append(_trial_record(stage, attempt, _asks(extended, directives)))
@@ -254,25 +268,42 @@ class Run:
         if not attempts:
             return None
         best = max(attempts, key=lambda attempt: (attempt.score or 0.0, -attempt.number))
+        if all(attempt.score is None for attempt in attempts):
+            best = attempts[-1]  # nothing compares them, and the rules asked for the last one
         self.trials = [
             record.model_copy(update={"kept": True})
             if (record.stage, record.number) == (stage, best.number)
             else record
             for record in self.trials
         ]
-        for name, (concluded, plan) in best.earlier.items():
-            self.concluded[name], self.plans[name] = concluded, plan
+        for name, (concluded, plan, found) in best.earlier.items():
+            self.concluded[name], self.plans[name], self.product_facts[name] = concluded, plan, found
         self.concluded[stage], self.plans[stage], self.product_facts[stage] = best.assessed, best.plan, best.found
+        self.asked[stage] = best.directives
         return best.product
 
     def _extend(self, directives: Directives, assessed: Firings) -> Directives:
         found = proposals(self._rules, assessed.firings, self.knowledge.operators, (Repair,))
-        merged: dict[str, tuple[Candidate, ...]] = dict(directives.candidates)
-        for slot, candidates in found.items():
-            known = merged.get(slot, ())
-            merged[slot] = known + tuple(candidate for candidate in candidates if candidate not in known)
         steps = adjustments(self._rules, assessed.firings)
-        return Directives(candidates=merged, adjustments=directives.adjustments + steps)
+        asked = Directives(candidates={slot: tuple(items) for slot, items in found.items()}, adjustments=steps)
+        return directives.joined(asked)
+
+    def run_again(self, stage: Stage, subject: Subject | None, directives: Directives, start: Start) -> Any:
+        """Run an earlier stage once more, as a later one asks, on top of what its own trials had asked for.
+
+        Raises
+        ------
+        StepFailed
+            An operator could not do its work.
+        """
+        both = self.asked.get(stage, Directives()).joined(directives)
+        state = start(both)
+        plan = self.plan(stage, both)
+        product = self.execute(plan, state)
+        found = self._measure_product(subject, product)
+        self.concluded[stage] = self.infer(stage, {**_trial_facts(stage, 1, frozenset()), **found})
+        self.product_facts[stage] = found
+        return product
 
     # The record
 

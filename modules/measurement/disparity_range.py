@@ -13,6 +13,7 @@ from modules.probe import FactModel, Probe, quantity
 PADDING_LOW = 0.22  # of the span; percentiles of features underestimate the range by 20 to 25 %
 PADDING_HIGH = 0.35  # near objects are small and rarely carry features
 LEAST_SUPPORT = 12  # matches
+NO_PARALLAX_PX = 0.5  # disparities nearer to 0 say nothing about the order of the images: one file given twice
 
 
 class DisparityRangeFact(FactModel):
@@ -62,14 +63,14 @@ def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
     least, most = _join(first, last, sample.coarse)
     span = most - least
     lowest = int(np.floor(least - max(2.0, PADDING_LOW * span)))
-    positive = float(np.mean(disparities > 0))
+    positive, negative = float(np.mean(disparities > 0)), float(np.mean(disparities < -NO_PARALLAX_PX))
     return [
         DisparityRangeFact(
             min_px=max(0, lowest) if first >= 0 else lowest,
             max_px=int(np.ceil(most + max(2.0, PADDING_HIGH * span))) + 1,
             source="estimated",
             support_count=len(disparities),
-            sign="positive" if positive > 0.95 else "negative" if positive < 0.05 else "mixed",
+            sign="positive" if positive > 0.95 else "negative" if negative > 0.95 else "mixed",
             matched_fraction=fraction,
         )
     ]

@@ -148,6 +148,42 @@ def test_a_brightness_difference_is_answered_and_absent_it_is_not(system: Expert
     assert "MEA010" not in clean.rules_fired
 
 
+def test_one_file_given_twice_is_not_called_swapped(system: ExpertSystem) -> None:
+    same = texture(1, 320, 240)
+    found = [finding.name for finding in system.decide(StereoPair(same, same.copy())).findings]
+    assert "images-swapped" not in found
+
+
+RANGE_OF_TERRAIN = """
+version: 1
+rules:
+  - id: RIG001
+    name: terrain-was-made-by-the-accurate-matcher
+    stage: reconstruction
+    when:
+      - {fact: planned, field: operator, op: eq, value: matching.semi_global_match}
+      - {fact: terrain_quality}
+    then:
+      - {repair: matching.block_match, score: 0.95}
+    because: it is needed for a test of repairs that reach back
+    references: [test]
+"""
+
+
+def test_a_rule_about_the_terrain_can_ask_for_another_matcher(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(RANGE_OF_TERRAIN, encoding="utf-8")
+    pair = shifted_pair(calibration=CALIBRATION, attitude=Attitude())
+    result = ExpertSystem(rules=[tmp_path / "rig.yaml"]).reconstruct(pair)
+    decision = result.decision
+    assert decision.status == "reconstructed"
+    assert decision.operator("matching.matcher") == "matching.block_match"
+    assert [(trial.number, trial.kept) for trial in decision.trials if trial.stage == "reconstruction"] == [
+        (1, False),
+        (2, True),
+    ]
+    assert "matching.block_match" in decision.timings_s
+
+
 def as_rgb(image: np.ndarray) -> np.ndarray:
     return np.stack([image, (image * 0.8).astype(image.dtype), (image * 0.6).astype(image.dtype)], axis=-1)
 

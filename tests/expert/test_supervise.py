@@ -260,6 +260,48 @@ def test_the_earlier_stage_goes_back_where_its_repair_was_worse() -> None:
     assert run.plans["correction"].operator_of("radiometry") == "correction.mild"
 
 
+def reconstructed(run: Run) -> Any:
+    """Go on from `matched` to a reconstruction that is the matched product itself, measured by its score."""
+
+    def matching(directives: Directives) -> str:
+        return run.execute(run.plan("correction", directives), "pair")
+
+    product = [matched(run)]
+
+    def start(directives: Directives) -> str:
+        if directives.touch(("correction", "matching")):
+            product.append(run.run_again("matching", "disparity", directives, matching))
+        return product[-1]
+
+    return run.run_stage("reconstruction", "terrain", start)
+
+
+def test_a_stage_can_be_repaired_from_two_stages_later() -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9})
+    run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]})
+    assert reconstructed(run) == "pair>strong1>plain1"
+    assert run.plans["correction"].operator_of("radiometry") == "correction.strong"
+
+
+def test_a_repair_from_a_later_stage_keeps_what_the_trials_before_had_asked_for() -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>plain3": 0.3, "pair>strong1>plain3": 0.9})
+    run = world.run(
+        {"stage": "matching", "when": [POOR, FIRST],
+         "then": [{"adjust": "matching.plain", "parameter": "level", "by": 2}]},
+        {"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]},
+    )  # fmt: skip
+    assert reconstructed(run) == "pair>strong1>plain3"
+    assert run.plans["matching"].steps[0].parameters == {"level": 3}
+
+
+def test_a_repair_that_fails_in_an_earlier_stage_keeps_the_earlier_product() -> None:
+    world = World(scores={"pair>plain1": 0.2}, broken={"matching.fine"})
+    run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "matching.fine"}]})
+    assert reconstructed(run) == "pair>plain1"
+    assert run.plans["matching"].operator_of("matcher") == "matching.plain"
+    assert run.notes == ["reconstruction trial 2 ended in an earlier stage: matching.fine: it is broken"]
+
+
 def test_a_later_stage_sees_what_an_earlier_one_ran() -> None:
     planned = {"fact": "planned", "field": "operator", "op": "eq", "value": "correction.mild"}
     run = World().run(
