@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from expert.decision import Decision
-from expert.report import as_markdown
+from expert.report import PICTURES, as_html, as_markdown
 from modules.formats.atomic import whole_folder
 from modules.formats.disparity import write_disparity_png, write_disparity_view, write_pfm, write_validity_png
 from modules.formats.elevation import write_geotiff, write_hillshade_png
@@ -37,6 +38,8 @@ class Result:
     points : PointCloud or None
         In the level frame; None without a calibration.
     elevation : ElevationMap or None
+    original : Views or None
+        The pair before correction, for the report; None where nobody kept it.
     """
 
     decision: Decision
@@ -44,6 +47,7 @@ class Result:
     disparity: Disparity | None = None
     points: PointCloud | None = None
     elevation: ElevationMap | None = None
+    original: Views | None = None
 
     @property
     def disparity_px(self) -> FloatImage:
@@ -69,8 +73,14 @@ class Result:
         """Whether the pair gave what it could give: terrain, or the disparity where there is no calibration."""
         return self.decision.status in ("reconstructed", "disparity_only")
 
-    def save(self, out: str | Path) -> dict[str, float]:
+    def save(self, out: str | Path, *, html: bool = True) -> dict[str, float]:
         """Write all products into the folder `out`, which appears whole or not at all; return seconds by file.
+
+        Parameters
+        ----------
+        out : str or Path
+        html : bool
+            Whether to write `report.html`; `terrex report` makes it later from the folder.
 
         Raises
         ------
@@ -83,6 +93,11 @@ class Result:
                 start = time.perf_counter()
                 write(folder / name)
                 spent[name] = time.perf_counter() - start
+            if html:
+                start = time.perf_counter()
+                images = {name: (folder / name).read_bytes() for name in PICTURES if (folder / name).exists()}
+                (folder / "report.html").write_bytes(as_html(self.decision, images).encode("utf-8"))
+                spent["report.html"] = time.perf_counter() - start
         return spent
 
     def _writers(self) -> dict[str, Callable[[Path], object]]:
@@ -94,6 +109,13 @@ class Result:
             "right_corrected.png": lambda path: write_image(path, views.right),
             "validity.png": lambda path: write_validity_png(path, validity),
         }
+        if self.original is not None:
+            for side, before, after in (
+                ("left", self.original.left, views.left),
+                ("right", self.original.right, views.right),
+            ):
+                if not np.array_equal(before, after):
+                    writers[f"{side}_original.png"] = partial(write_image, image=before)
         disparity, points, elevation = self.disparity, self.points, self.elevation
         if disparity is not None:
             storable = _storable(disparity.disparity_px)

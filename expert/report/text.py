@@ -1,4 +1,4 @@
-"""Renderings of a decision record: terminal text and Markdown. Runs nothing and measures nothing."""
+"""A decision record as text, and the words that all renderings share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _VERDICTS = {
 }
 
 
-def _number(value: object) -> str:
+def number_text(value: object) -> str:
+    """Write a value for people: four significant digits, lists and tuples alike."""
+    if isinstance(value, list | tuple):
+        return ", ".join(number_text(item) for item in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -38,23 +41,26 @@ def fact_text(record: FactRecord) -> str:
     parts = []
     for name, value in record.fields.items():
         unit = units.get(name, "1")
-        parts.append(f"{name} {_number(value)}" + (f" {unit}" if unit != "1" else ""))
+        parts.append(f"{name} {number_text(value)}" + (f" {unit}" if unit != "1" else ""))
     return f"{record.template}: {', '.join(parts)}"
 
 
-def _parameters(step: Step) -> str:
-    named = [f"{name}={_number(value)}" for name, value in sorted(step.parameters.items()) if name in step.set_by]
+def parameter_text(step: Step) -> str:
+    """Write the parameters that rules have set, with a leading blank."""
+    named = [f"{name}={number_text(value)}" for name, value in sorted(step.parameters.items()) if name in step.set_by]
     return f" ({', '.join(named)})" if named else ""
 
 
-def _firings_of(decision: Decision, rule: str) -> list[FiringRecord]:
+def firings_of(decision: Decision, rule: str) -> list[FiringRecord]:
+    """Return the firings of one rule."""
     return [firing for firing in decision.firings if firing.rule == rule]
 
 
-def _why(decision: Decision, step: Step) -> str:
+def why(decision: Decision, step: Step) -> str:
+    """Say who chose an operator and why."""
     if step.chosen_by is None:
         return "the default of its slot; no rule chose another"
-    firings = _firings_of(decision, step.chosen_by)
+    firings = firings_of(decision, step.chosen_by)
     if firings:
         return f"{step.chosen_by} {firings[0].name}: {firings[0].because}"
     return f"{step.chosen_by}, asked for after an earlier trial"
@@ -83,12 +89,12 @@ def _trust(decision: Decision) -> Iterator[str]:
     terrain = facts.get("terrain_quality", {})
     if terrain.get("covered_m2") is not None and terrain.get("median_sigma_m") is not None:
         yield (
-            f"Terrain: {float(terrain['covered_m2']):.1f} m2 up to {_number(terrain.get('extent_m'))} m, "
+            f"Terrain: {float(terrain['covered_m2']):.1f} m2 up to {number_text(terrain.get('extent_m'))} m, "
             f"elevation within {100 * float(terrain['median_sigma_m']):.1f} cm (1 sigma, median)."
         )
 
 
-def _matter(decision: Decision) -> list[FactRecord]:
+def facts_that_mattered(decision: Decision) -> list[FactRecord]:
     """Return the facts that rules fired on, each once."""
     found: list[FactRecord] = []
     for firing in decision.firings:
@@ -105,8 +111,8 @@ def _steps(decision: Decision) -> Iterator[str]:
             if step.operator == "none" and not step.losers:
                 continue
             summary = catalog[step.operator].summary if step.operator in catalog else "nothing is done in this slot"
-            yield f"{stage}.{step.slot}: {step.operator}{_parameters(step)} - {summary}"
-            yield f"    because {_why(decision, step)}"
+            yield f"{stage}.{step.slot}: {step.operator}{parameter_text(step)} - {summary}"
+            yield f"    because {why(decision, step)}"
             for loser in step.losers:
                 if loser.rule is not None:
                     yield f"    rather than {loser.operator} ({loser.rule}): {loser.lost_because}"
@@ -120,10 +126,11 @@ def _trials(decision: Decision) -> Iterator[str]:
         yield f"{trial.stage} trial {trial.number}: {score}{kept}; {outcome}"
 
 
-def _sections(decision: Decision) -> Iterator[tuple[str, list[str]]]:
+def sections(decision: Decision) -> Iterator[tuple[str, list[str]]]:
+    """Yield the titles and lines of text and Markdown; a line indented by four belongs to the one before."""
     yield "Findings", [f"{f.severity}: {f.sentence} ({', '.join(f.rules)})" for f in decision.findings]
     yield "What was done, and why", list(_steps(decision))
-    yield "Facts that mattered", [fact_text(record) for record in _matter(decision)]
+    yield "Facts that mattered", [fact_text(record) for record in facts_that_mattered(decision)]
     fired = {(firing.rule, firing.name, firing.stage) for firing in decision.firings}
     yield "Rules that fired", [f"{rule} {name} ({stage})" for rule, name, stage in sorted(fired)]
     yield "Trials", list(_trials(decision))
@@ -133,30 +140,7 @@ def _sections(decision: Decision) -> Iterator[tuple[str, list[str]]]:
 def as_text(decision: Decision) -> str:
     """Return the explanation as plain text."""
     lines = [f"{decision.pair}: {verdict(decision)}"]
-    for title, items in _sections(decision):
+    for title, items in sections(decision):
         if items:
             lines += ["", title, *(f"  {item}" for item in items)]
-    return "\n".join(lines) + "\n"
-
-
-def _escape(text: str) -> str:
-    for character in "\\`*_<>[]|#":
-        text = text.replace(character, "\\" + character)
-    return text.replace("\n", " ")
-
-
-def as_markdown(decision: Decision) -> str:
-    """Return the report as Markdown; texts from files appear as text, never as markup."""
-    lines = [f"# {_escape(decision.pair)}", "", _escape(verdict(decision)), ""]
-    for title, items in _sections(decision):
-        if items:
-            lines += [f"## {title}", ""]
-            lines += [("  - " if item.startswith("    ") else "- ") + _escape(item.strip()) for item in items] + [""]
-    lines += ["## All facts", "", "| fact | measured by |", "|---|---|"]
-    lines += [f"| {_escape(fact_text(fact))} | {_escape(fact.probe or 'stated')} |" for fact in decision.facts]
-    lines += ["", "## Record", "", f"- decision {decision.id}, rules {decision.rules_digest[:16]}"]
-    lines += [f"- {_escape(name)} {_escape(number)}" for name, number in decision.versions.items()]
-    lines += ["", "## Time", "", "| what | s |", "|---|---|"]
-    spent = sorted(decision.timings_s.items(), key=lambda item: -item[1])
-    lines += [f"| {_escape(name)} | {seconds:.3f} |" for name, seconds in spent]
     return "\n".join(lines) + "\n"

@@ -1,0 +1,18 @@
+"""`terrex report`: render the report of a saved run again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `terrex run --out` wrote")],
+) -> None:
+    """Write report.html and report.md of a saved run again; the same version gives the same bytes."""
+    from expert.report import render_again
+
+    for path in render_again(folder):
+        typer.echo(f"written {path}")
