@@ -26,7 +26,9 @@ class _Teller:
     def slot(self, stage: str, step: Step) -> Node:
         children: list[Node] = []
         if step.chosen_by is None:
-            children.append(Node(sentence="it is the default of the slot, and no rule's choice stood against it"))
+            all_lost = any(loser.rule is not None for loser in step.losers)
+            reason = "every other candidate was excluded" if all_lost else "no rule chose another"
+            children.append(Node(sentence=f"it is the default of the slot; {reason}"))
         else:
             children += self.rule(step.chosen_by)
         for name, value in sorted(step.parameters.items()):

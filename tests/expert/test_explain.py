@@ -146,7 +146,7 @@ def test_how_tells_rule_condition_fact_unit_probe_and_the_finding_below(decision
 
 
 def test_how_tells_that_nothing_to_do_is_the_default(decision, rules):
-    assert "it is the default of the slot" in how(decision, "denoise", rules).text()
+    assert "it is the default of the slot; no rule chose another" in how(decision, "denoise", rules).text()
 
 
 def test_how_also_answers_without_rules(decision):

@@ -46,6 +46,31 @@ def test_the_replay_of_a_repaired_decision_gives_its_plan_and_findings(repaired)
     assert outcome.fired == set(decision.rules_fired)
 
 
+def keep_second(decision):
+    """Return the record as it would be had the second trial of the matching been the better one."""
+    trials = tuple(
+        trial.model_copy(update={"kept": trial.number == 2}) if trial.stage == "matching" else trial
+        for trial in decision.trials
+    )
+    return decision.model_copy(update={"trials": trials})
+
+
+def test_the_replay_follows_a_repair_that_was_kept(repaired):
+    system, decision, _ = repaired
+    outcome = Replay(keep_second(decision), system._knowledge.rules, system._knowledge.engine).run()
+    assert outcome.plans["matching"].operator_of("matcher") == "matching.block_match"
+
+
+def test_the_replay_follows_a_trial_of_the_matching_back_to_the_correction(tmp_path):
+    path = tmp_path / "back.yaml"
+    path.write_text(SPARSE.replace("matching.block_match", "correction.normalise_local_contrast"))
+    system = ExpertSystem(rules=[path], profile="fast", engine="compiled")
+    decision = keep_second(system.reconstruct(shifted_pair()).decision)
+    outcome = Replay(decision, system._knowledge.rules, system._knowledge.engine).run(until="correction")
+    assert outcome.plans["correction"].operator_of("local") == "correction.normalise_local_contrast"
+    assert system.what_would_it_take(decision, "correction.normalise_local_contrast").already
+
+
 def test_how_tells_the_trials_and_which_asked_for_a_repair(repaired):
     system, decision, _ = repaired
     text = system.how(decision, "matching").text()
