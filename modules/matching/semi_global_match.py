@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from modules.matching.common import Bytes, assemble, checked_range, to_bytes
+from modules.matching.refine_subpixel import refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.types import DisparityRange, FloatImage, Invalid, Matching
 
@@ -25,6 +26,7 @@ SLOPE_LIMIT = 31  # largest difference of horizontal derivatives that still coun
 # pairs with known truth (non-occluded pixels): 1 - (1 - CONFIDENCE_FLOOR) exp(-e / CONFIDENCE_SCALE).
 CONFIDENCE_FLOOR = 0.2
 CONFIDENCE_SCALE = 0.24
+CURVES = {"parabola": 0, "equiangular": 1, "intensity": 2}  # as the kernels number them
 
 
 class SemiGlobalMatchParams(OperatorParams):
@@ -37,8 +39,9 @@ class SemiGlobalMatchParams(OperatorParams):
     p1: float = Field(6.0, ge=0.0, le=40.0, description="P1, penalty of a step of 1 px, bits of census")
     p2: float = Field(40.0, ge=0.0, le=160.0, description="P2, penalty of a larger step on even ground, bits of census")
     p2_decay_per_dn: float = Field(0.05, ge=0.0, le=1.0, description="P2 is divided by 1 + this x step in gray, 1/DN")
-    subpixel: Literal["parabola", "equiangular"] = Field(
-        "equiangular", description="Curve fitted at the least cost; straight lines lock less to whole pixels"
+    subpixel: Literal["parabola", "equiangular", "intensity"] = Field(
+        "intensity",
+        description="Curve fitted at the least cost, or lines refined by intensities, which locks least to whole px",
     )
     max_memory_mb: int = Field(512, ge=16, le=65536, description="Most memory for the cost volumes, MB")
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
@@ -176,7 +179,7 @@ def match_strips(
                     volumes.total,
                     first - top,
                     search.min_px,
-                    params.subpixel == "equiangular",
+                    CURVES[params.subpixel],
                     disparity[found],
                     right_px[found],
                     ratio[found],
@@ -184,6 +187,14 @@ def match_strips(
 
             middle = (start + stop) // 2
             _both(pool, choose, (start, middle), (middle, stop))
+        if params.subpixel == "intensity":
+            refined = refine_by_intensity(left, right, disparity, pool)
+            # An end of the range stays within half a pixel, for it says that the true disparity may lie beyond.
+            low, high = np.float32(search.min_px), np.float32(search.max_px - 1)
+            half = np.float32(0.499)
+            floor = np.where(disparity == high, high - half, np.where(disparity == low, low, low + 1 - half))
+            ceiling = np.where(disparity == low, low + half, np.where(disparity == high, high, high - 1 + half))
+            disparity = np.clip(refined, floor, ceiling)
     return disparity, right_px, ratio
 
 

@@ -98,7 +98,7 @@ def test_every_increasing_map_leaves_the_census_result_unchanged() -> None:
     views = random_pair()
     half = Views((views.left // 2).astype(np.uint8), (views.right // 2).astype(np.uint8))
     curved = Views(half.left, np.rint(255 * (half.right / 127.0) ** 0.5).astype(np.uint8))
-    params = SemiGlobalMatchParams(cost="census")
+    params = SemiGlobalMatchParams(cost="census", subpixel="equiangular")
     one, two = (semi_global_match(Matching(v, DisparityRange(0, 12)), params).disparity for v in (half, curved))
     assert one is not None
     assert two is not None

@@ -1,0 +1,86 @@
+"""Refinement by intensities: what it reaches, what it leaves alone, and that it does not depend on threads."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from modules.matching import kernels
+from modules.matching.refine_subpixel import refine_by_intensity
+from modules.matching.semi_global_match import SemiGlobalMatchParams, semi_global_match
+from modules.types import DisparityRange, Matching, Views
+
+
+def textured(rows: int, columns: int) -> NDArray[np.float32]:
+    noise = np.random.default_rng(3).normal(0, 1, (rows, columns)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 1.2)
+    return np.asarray(128 + 40 * smooth / smooth.std(), np.float32)
+
+
+def slanted_pair(gain: float = 1.0, offset: float = 0.0) -> tuple[Views, NDArray[np.float32]]:
+    """Return a pair whose left image is the right one, displaced by 4 to 8 px across the columns."""
+    right = textured(60, 200)
+    truth = np.broadcast_to(np.linspace(4, 8, 200, dtype=np.float32), (60, 200))
+    down = np.repeat(np.arange(60, dtype=np.float32)[:, None], 200, axis=1)
+    left = cv2.remap(right, np.arange(200, dtype=np.float32) - truth, down, cv2.INTER_LANCZOS4)
+    images = [np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in (left, gain * right + offset)]
+    return Views(*images), np.asarray(truth)
+
+
+def refined(views: Views, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    with ThreadPoolExecutor(2) as pool:
+        return refine_by_intensity(views.left, views.right, disparity, pool)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("error", [-0.2, 0.1, 0.2])
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.6, 30.0)])
+def test_a_small_error_shrinks_to_a_fraction_whatever_the_gain_and_offset(
+    error: float, gain: float, offset: float
+) -> None:
+    views, truth = slanted_pair(gain, offset)
+    found = refined(views, truth + np.float32(error))
+    assert np.median(np.abs(found - truth)[:, 12:-12]) < 0.35 * abs(error)
+
+
+def test_without_texture_the_disparity_stays() -> None:
+    flat = np.full((20, 40), 90, np.uint8)
+    disparity = np.full((20, 40), 3.3, np.float32)
+    np.testing.assert_array_equal(refined(Views(flat, flat), disparity), disparity)
+
+
+def test_no_disparity_moves_further_than_the_limits_even_where_nothing_fits() -> None:
+    rng = np.random.default_rng(8)
+    left, right = rng.integers(0, 256, (2, 30, 50)).astype(np.uint8)
+    disparity = rng.uniform(0, 6, (30, 50)).astype(np.float32)
+    moved = np.abs(refined(Views(left, right), disparity) - disparity)
+    assert moved.max() <= kernels.SMOOTH_LIMIT + kernels.STEP_LIMIT + 1e-5
+
+
+def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
+    views, truth = slanted_pair()
+    images = [np.asarray(image, np.float32) for image in (views.left, views.right)]
+    whole, parts = np.empty((2, *truth.shape), np.float32), np.empty((2, *truth.shape), np.float32)
+    for bounds, out in (((0, 60),), whole), (((0, 13), (13, 60)), parts):
+        for start, stop in bounds:
+            kernels.smooth_rows(truth + np.float32(0.1), start, stop, out[0])
+            kernels.fit_rows(images[0], images[1], images[1], truth, start, stop, out[1])
+    np.testing.assert_array_equal(whole, parts)
+
+
+def test_matching_locks_less_to_whole_pixels_with_it_than_without() -> None:
+    views, truth = slanted_pair()
+    inner = slice(12, -12)
+    bias = {}
+    for subpixel in ("equiangular", "intensity"):
+        params = SemiGlobalMatchParams.model_validate({"subpixel": subpixel})
+        disparity = semi_global_match(Matching(views, DisparityRange(0, 16)), params).disparity
+        assert disparity is not None
+        fraction = truth[:, inner] - np.rint(truth[:, inner])
+        pull = (disparity.disparity_px - truth)[:, inner] * np.sign(fraction)
+        bias[subpixel] = abs(float(np.nanmedian(pull[np.abs(fraction) > 0.1])))
+    assert bias["intensity"] < 0.02
+    assert bias["intensity"] < bias["equiangular"]
