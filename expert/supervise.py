@@ -330,12 +330,11 @@ class Run:
         return tuple(sorted([*records, *self._failures()], key=_finding_rank))
 
     def _failures(self) -> list[FindingRecord]:
-        """Return a finding per operator that failed: minor where another answered for it, else major."""
-        answered = {record.stage for record in self.trials if record.kept} | {"correction"}
+        """Return a finding per operator that failed: minor where another one fills its slot, else major."""
         return [
             FindingRecord(
                 name="operator-failed",
-                severity="minor" if record.stage in answered else "major",
+                severity="minor" if self._answered(record) else "major",
                 sentence=f"an operator could not do its work - {record.failure}",
                 rules=(),
                 stage=record.stage,
@@ -343,6 +342,11 @@ class Run:
             for record in self.trials
             if record.failure is not None
         ]
+
+    def _answered(self, record: TrialRecord) -> bool:
+        failed, _, _ = (record.failure or "").partition(":")
+        plan = self.plans.get(record.stage)
+        return plan is not None and plan.operator_of(self.knowledge.operators[failed].slot) not in (NONE, failed)
 
     def critical(self) -> bool:
         """Whether a finding says that the pair cannot be reconstructed."""

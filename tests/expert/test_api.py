@@ -347,6 +347,13 @@ def test_a_pair_that_no_matcher_can_do_fails_with_a_report(tmp_path: Path) -> No
     assert "it is broken" in (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
 
 
+def test_terrain_that_lies_outside_every_gate_is_a_major_finding() -> None:
+    far = replace(CALIBRATION, baseline_m=90.0)
+    decision = ExpertSystem(engine="compiled").reconstruct(shifted_pair(calibration=far, attitude=Attitude())).decision
+    assert "major" in [finding.severity for finding in decision.findings if finding.name == "operator-failed"]
+    assert "reconstruction.gate_points: the gates dropped all" in decision.text()
+
+
 def test_importing_compiles_nothing() -> None:
     program = "import sys, expert; print([name for name in ('numba', 'llvmlite') if name in sys.modules])"
     ended = subprocess.run(

@@ -349,6 +349,25 @@ def test_a_scene_that_cannot_be_reconstructed_ends_with_one_and_a_report(
     assert not (folder / "out" / "elevation.tif").exists()
 
 
+@pytest.mark.parametrize("engine", ["experta", "compiled"])
+def test_the_decision_does_not_depend_on_the_order_of_hashes(folder: Path, engine: str) -> None:
+    left, right = shifted(3)
+    cv2.imwrite("right.png", (right * 0.5 + 10).astype(np.uint8))
+    cv2.imwrite("left.png", left)
+    program = "from expert.cli import main; main()"
+    ids = set()
+    for seed in ("1", "2"):
+        said = subprocess.run(
+            [sys.executable, "-c", program, "decide", "left.png", "right.png", "--json", "--engine", engine],
+            capture_output=True,
+            timeout=60,
+            check=True,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "PYTHONHASHSEED": seed},
+        ).stdout
+        ids.add(json.loads(said)["decision_id"])
+    assert len(ids) == 1
+
+
 def test_in_a_pipe_there_is_no_progress_and_no_colour(folder: Path) -> None:
     program = "from expert.cli import main; main()"
     ended = subprocess.run(

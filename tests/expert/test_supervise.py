@@ -177,6 +177,16 @@ def test_a_failing_operator_is_a_finding_and_the_next_trial_goes_on_without_it()
     assert finding.sentence == "an operator could not do its work - matching.fine: it is broken"
 
 
+def test_a_failure_that_leaves_its_slot_empty_is_a_major_finding() -> None:
+    world = World(broken={"matching.fine"})
+    run = world.run(
+        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine", "score": 0.9}]},
+        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "none", "slot": "matcher"}]},
+    )
+    assert matched(run) == "pair"
+    assert [finding.severity for finding in run.findings()] == ["major"]
+
+
 def test_rules_can_answer_a_failure() -> None:
     world = World(broken={"matching.fine"})
     failed = {"fact": "failure", "field": "operator", "op": "eq", "value": "matching.fine"}
