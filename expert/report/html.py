@@ -22,10 +22,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FactRow:
-    """One field of a fact."""
+    """One field of a fact; facts of one template are told apart by their keys, as in `histogram[left, red].mean_dn`."""
 
-    template: str
-    field: str
+    name: str
     value: str
     unit: str
     limits: str
@@ -84,18 +83,23 @@ def _fact_rows(decision: Decision, words: Vocabulary) -> Iterator[FactRow]:
     for record in decision.facts:
         template = words.get(record.template)
         fields = template.fields if template else {}
+        keys = template.keys if template else ()
+        which = ", ".join(str(record.fields[key]) for key in keys if key in record.fields)
+        title = f"{record.template}[{which}]" if which else record.template
+        matters = _is_bound(record, bound)
         for name, value in record.fields.items():
+            if name in keys:
+                continue
             info = fields.get(name)
             unit = info.unit if info and info.unit != "1" else ""
             yield FactRow(
-                record.template,
-                name,
+                f"{title}.{name}",
                 number_text(value),
                 unit,
                 _limits(info),
                 info.description if info else "",
                 record.probe or "stated",
-                _is_bound(record, bound),
+                matters,
             )
 
 
