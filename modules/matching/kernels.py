@@ -20,6 +20,8 @@ _jit = numba.njit(cache=True, nogil=True, boundscheck=False)
 CENSUS_RADIUS = 2  # 5x5 window, 24 comparisons
 COST_UNITS = 6.25  # stored cost per bit of Hamming distance; the largest, 39.5, still fits uint8
 COST_BLOCK = 64  # columns whose cost is averaged at a time, so that the sums stay in the cache
+LANES = 16  # volumes hold a multiple of this many disparities, because a remainder would be worked off one by one
+PADDING = 255  # cost of the disparities added for that; larger than any other, so that none is ever the best
 HUGE = 16000  # path cost beyond the ends of the range
 # Refinement by intensities; the values suit rendered terrain and the development pairs alike.
 UNLOCKING = 0.8  # how far offsets are moved from whole pixels: t + UNLOCKING t (1 - t)^2 for t = 2 |offset|
@@ -227,6 +229,7 @@ def _follow(
 @_jit
 def aggregate(
     cost: NDArray[np.uint8],
+    searched: int,
     gray: NDArray[np.int32],
     p1: int,
     p2_of_step: NDArray[np.int16],
@@ -244,6 +247,8 @@ def aggregate(
     Parameters
     ----------
     cost : uint8 (H, W, D)
+    searched : int
+        Disparities searched, at most D; those after them cost `PADDING` and do not influence the others.
     gray : int32 (H, W)
         0-255; selects P2 by the absolute step along the path.
     p1 : int
@@ -280,12 +285,16 @@ def aggregate(
             c = cost[y, x]
             s = out[y, x]
             jump = p2_of_step[abs(here - gray[y, xa])]
-            beside_least = _follow(beside[j % 2], beside_least, jump, step, c, beside[(j + 1) % 2], s)
+            target = beside[(j + 1) % 2]
+            beside_least = _follow(beside[j % 2], beside_least, jump, step, c, target, s)
+            target[searched + 1] = np.int16(HUGE)
             for k in range(3):
                 xp = xa if k == 0 else (x if k == 1 else xb)
                 at = x + 1 + (k - 1) * sign
                 jump = p2_of_step[abs(here - gray[yp, xp])]
-                below_least[k, x + 1] = _follow(above[k, at], above_least[k, at], jump, step, c, below[k, x + 1], s)
+                target = below[k, x + 1]
+                below_least[k, x + 1] = _follow(above[k, at], above_least[k, at], jump, step, c, target, s)
+                target[searched + 1] = np.int16(HUGE)
 
 
 @_jit
@@ -343,6 +352,7 @@ def _offer(s: NDArray[np.int16], begin: int, best: NDArray[np.int16], index: NDA
 @_jit
 def select(
     total: NDArray[np.int16],
+    count: int,
     first: int,
     low: int,
     curve: int,
@@ -356,6 +366,8 @@ def select(
     ----------
     total : int16 (H, W, D)
         Aggregated cost.
+    count : int
+        Disparities searched, at most D.
     first : int
         First row of the volume that belongs to the product.
     low : int
@@ -368,7 +380,7 @@ def select(
         found disparity over the found one (1 means ambiguous; NaN where the cost is flat).
     """
     rows = disparity.shape[0]
-    columns, count = total.shape[1], total.shape[2]
+    columns = total.shape[1]
     # Index j holds right column `columns - 1 - j`, so that rising disparity walks forward through memory.
     best_right = np.empty(columns, np.int16)
     index_right = np.empty(columns, np.int16)
@@ -377,7 +389,7 @@ def select(
         best_right[:] = np.int16(32767)
         index_right[:] = np.int16(-1)
         for x in range(columns):
-            s = total[y, x]
+            s = total[y, x][:count]
             at, best, second, worst = _best_of(s)
             offset = 0.0
             if 0 < at < count - 1:

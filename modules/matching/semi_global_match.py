@@ -119,15 +119,15 @@ def _aggregate_strip(
             top + last,
             cost[first:last],
         )
+        cost[first:last, :, inputs.search.count :] = kernels.PADDING
         total[first:last] = 0
 
     def sweep(backward: int, first: int, last: int) -> None:
         paths, least = volumes.paths[backward], volumes.least[backward]
         if first == 0:
             kernels.start_paths(paths, least)
-        kernels.aggregate(
-            cost, gray, inputs.p1, inputs.p2_of_step, bool(backward), first, last, paths, least, total
-        )  # fmt: skip
+        count, p1, p2 = inputs.search.count, inputs.p1, inputs.p2_of_step
+        kernels.aggregate(cost, count, gray, p1, p2, bool(backward), first, last, paths, least, total)
 
     rows = bottom - top
     half = rows // 2
@@ -144,7 +144,7 @@ def match_strips(
     from modules.matching import kernels
 
     rows, columns = left.shape
-    count = search.count
+    count = math.ceil(search.count / kernels.LANES) * kernels.LANES
     height = rows_per_strip(rows, columns, count, params.max_memory_mb)
     step = np.arange(256)
     p1 = params.p1 * kernels.COST_UNITS
@@ -177,6 +177,7 @@ def match_strips(
                 found = slice(first, last)
                 kernels.select(
                     volumes.total,
+                    search.count,
                     first - top,
                     search.min_px,
                     CURVES[params.subpixel],

@@ -43,21 +43,24 @@ def plain_path(
 @pytest.mark.parametrize("backward", [False, True])
 def test_aggregation_equals_a_plain_implementation(backward: bool) -> None:
     rng = np.random.default_rng(4)
-    cost = rng.integers(0, 247, (9, 11, 7)).astype(np.uint8)
+    searched = 7
+    cost = np.full((9, 11, 16), kernels.PADDING, np.uint8)
+    cost[:, :, :searched] = rng.integers(0, 247, (9, 11, searched))
     gray = rng.integers(0, 256, (9, 11)).astype(np.int32)
     p2 = np.maximum(250 / (1 + 0.05 * np.arange(256)), 38).astype(np.int16)
     found = np.zeros(cost.shape, np.int16)
-    paths, least = np.empty((2, 3, 13, 9), np.int16), np.empty((2, 3, 13), np.int16)
+    paths, least = np.empty((2, 3, 13, 18), np.int16), np.empty((2, 3, 13), np.int16)
     kernels.start_paths(paths, least)
     for begin, end in ((0, 4), (4, 9)):
-        kernels.aggregate(cost, gray, 38, p2, backward, begin, end, paths, least, found)
+        kernels.aggregate(cost, searched, gray, 38, p2, backward, begin, end, paths, least, found)
     directions = [(0, 1), (1, 1), (1, 0), (1, -1)]
     sign = -1 if backward else 1
     truth = sum(
-        plain_path(cost.astype(np.int64), gray, 38, p2.astype(np.int64), sign * dy, sign * dx) for dy, dx in directions
+        plain_path(cost[:, :, :searched].astype(np.int64), gray, 38, p2.astype(np.int64), sign * dy, sign * dx)
+        for dy, dx in directions
     )
     # Beyond the border the reference starts a path afresh; the kernel starts from zero cost, which is the same.
-    np.testing.assert_array_equal(found, truth)
+    np.testing.assert_array_equal(found[:, :, :searched], truth)
 
 
 def test_the_cost_equals_a_plain_implementation() -> None:
