@@ -204,7 +204,7 @@ def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
         verdict=verdict(decision),
         pictures=gallery(images),
         plot=(PLOT_WIDTH, PLOT_HEIGHT),
-        facts=list(_fact_rows(decision, words)),
+        facts=sorted(_fact_rows(decision, words), key=lambda row: row.name),
         choices=_choices(decision),
         rules=_rules(decision),
         timings=_timings(decision),

@@ -99,6 +99,10 @@ def _eight_bit(image: Image) -> NDArray[np.uint8]:
     return np.rint(image / (full_scale(image) / 255.0)).astype(np.uint8)
 
 
+def _packed(kind: str, content: bytes, shape: tuple[int, ...]) -> Picture:
+    return Picture(f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}", shape[1], shape[0])
+
+
 def picture(image: Image, *, photo: bool) -> Picture:
     """Scale an image down to `MAX_SIDE_PX` and pack it as JPEG (photographs) or PNG (drawings)."""
     small = _eight_bit(image)
@@ -108,14 +112,19 @@ def picture(image: Image, *, photo: bool) -> Picture:
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
         small = cast("NDArray[np.uint8]", cv2.resize(small, size, interpolation=cv2.INTER_AREA))
     stored = small[:, :, ::-1] if small.ndim == 3 else small
-    kind, content = "png", b""
     if not photo:
         content = cv2.imencode(".png", stored)[1].tobytes()
-    if photo or len(content) > MAX_PNG_BYTES:
-        kind = "jpeg"
-        content = cv2.imencode(".jpg", stored, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-    uri = f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
-    return Picture(uri, small.shape[1], small.shape[0])
+        if len(content) <= MAX_PNG_BYTES:
+            return _packed("png", content, small.shape)
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    return _packed("jpeg", cv2.imencode(".jpg", stored, quality)[1].tobytes(), small.shape)
+
+
+def drawing(content: bytes, image: Image) -> Picture:
+    """Pack a PNG as it is where it is small enough, otherwise like `picture`."""
+    if max(image.shape[:2]) <= MAX_SIDE_PX and len(content) <= MAX_PNG_BYTES:
+        return _packed("png", content, image.shape)
+    return picture(image, photo=False)
 
 
 def _channels(image: Image) -> dict[str, Image]:
@@ -124,9 +133,8 @@ def _channels(image: Image) -> dict[str, Image]:
     return {name: image[:, :, index] for index, name in enumerate(("red", "green", "blue"))}
 
 
-def _counts(channel: Image) -> NDArray[np.float64]:
-    levels = np.bincount(_eight_bit(channel).ravel(), minlength=256)
-    return cast("NDArray[np.float64]", levels.reshape(BINS, -1).sum(axis=1) / channel.size)
+def _levels(channel: Image) -> NDArray[np.int64]:
+    return np.bincount(_eight_bit(channel).ravel(), minlength=256).astype(np.int64)
 
 
 def _points(counts: NDArray[np.float64], top: float) -> str:
@@ -143,10 +151,11 @@ def histograms(left: Image, right: Image) -> list[Curve]:
     curves = []
     pairs = zip(_channels(left).items(), _channels(right).values(), strict=False)
     for (name, one), other in pairs:
-        counts = _counts(one), _counts(other)
+        levels = _levels(one), _levels(other)
+        counts = [found.reshape(BINS, -1).sum(axis=1) / found.sum() for found in levels]
         top = max(1.25 * float(np.sort(np.stack(counts), axis=1)[:, -2].max()), 1e-6)
-        means = [float(_eight_bit(channel).mean()) for channel in (one, other)]
-        curves.append(Curve(name, _points(counts[0], top), _points(counts[1], top), *means))
+        left_mean, right_mean = (float(found @ np.arange(256) / found.sum()) for found in levels)
+        curves.append(Curve(name, _points(counts[0], top), _points(counts[1], top), left_mean, right_mean))
     return curves
 
 
@@ -212,7 +221,7 @@ def gallery(images: Mapping[str, bytes]) -> Gallery:
         curves = histograms(before["left"], before["right"]), histograms(*corrected)
     valid, reasons = validity_shares(decoded["validity.png"]) if "validity.png" in decoded else (None, [])
     drawings = [
-        picture(decoded[name], photo=False) if name in decoded else None
+        drawing(images[name], decoded[name]) if name in decoded else None
         for name in ("disparity_view.png", "elevation.png")
     ]
     return Gallery(tuple(wipes), tuple(curves[0]), tuple(curves[1]), valid, tuple(reasons), *drawings)

@@ -197,6 +197,14 @@ def test_a_large_picture_is_scaled_down_and_a_drawing_too_large_for_png_becomes_
     assert picture(noise[:20, :20], photo=False).uri.startswith("data:image/png")
 
 
+def test_a_small_drawing_goes_in_as_the_file_it_is() -> None:
+    images = pair_images()
+    shown = gallery(images).elevation
+    assert shown is not None
+    assert (shown.width, shown.height) == (80, 60)
+    assert base64.b64decode(shown.uri.partition(",")[2]) == images["elevation.png"]
+
+
 def test_the_worst_pair_stays_below_eight_megabytes() -> None:
     noise = png(np.random.default_rng(2).integers(0, 256, (1000, 1000, 3), np.uint8))
     names = ("left_original", "right_original", "left_corrected", "right_corrected", "disparity_view", "elevation")
