@@ -229,6 +229,8 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     Notes
     -----
     Immune to every smooth change of brightness; noise harms it more than `semi_global_block_match`: enlarge the window.
+    A curve through the least costs pulls fractions of a pixel towards whole ones; on rendered terrain the median error
+    falls from 0.08 to 0.04 px when intensities refine it, and real pairs have fewer errors above 0.25 px too.
     Two threads; the result does not depend on them. It depends slightly on `max_memory_mb` once that forces strips.
 
     References
@@ -256,7 +258,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=SemiGlobalMatchParams,
     function=semi_global_match,
-    cost=Cost(fixed_ms=5.0, ns_per_pixel=60.0, ns_per_pixel_disparity=6.0),
+    cost=Cost(fixed_ms=5.0, ns_per_pixel=220.0, ns_per_pixel_disparity=4.5),
     summary="Match by census and horizontal derivatives along eight paths.",
     suits="The most accurate matcher, immune to brightness differences; slower, and heavy noise needs a larger window.",
     needs=("numba",),
