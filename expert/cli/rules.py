@@ -140,3 +140,5 @@ def schema() -> None:
 
 
 app.command()(rule_writing.graph)
+app.command()(rule_writing.new)
+app.command()(rule_writing.fmt)
