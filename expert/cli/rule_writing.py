@@ -1,4 +1,4 @@
-"""Commands of `terrex rules` for those who write rules: graph, new, fmt and diff."""
+"""Commands of `terrex rules` for those who write rules: graph, new and fmt."""
 
 from __future__ import annotations
 

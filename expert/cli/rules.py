@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Optional
 
 import typer
 
-from expert.cli import rule_writing
+from expert.cli import rule_diff, rule_writing
 from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.engine import EngineName, make_engine
 from expert.rules.cases import coverage, run_cases
@@ -142,3 +142,4 @@ def schema() -> None:
 app.command()(rule_writing.graph)
 app.command()(rule_writing.new)
 app.command()(rule_writing.fmt)
+app.command()(rule_diff.diff)

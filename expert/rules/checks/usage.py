@@ -47,6 +47,11 @@ def _operands(rule: Rule) -> Iterator[Any]:
             yield action.to
 
 
+def rule_thresholds(rule: Rule) -> set[str]:
+    """Return the named thresholds that a rule uses."""
+    return {name for operand in _operands(rule) for name in _thresholds_in(operand)}
+
+
 def _derived(rules: Iterable[Rule]) -> set[str]:
     found: set[str] = set()
     for rule in rules:
@@ -72,7 +77,7 @@ def usage_warnings(context: Context) -> list[Problem]:
     merged = context.merged
     rules = [rule for rule, _ in merged.rules.values()]
     derived, asked = _derived(rules), _asked(rules)
-    thresholds = {name for rule in rules for operand in _operands(rule) for name in _thresholds_in(operand)}
+    thresholds = {name for rule in rules for name in rule_thresholds(rule)}
     problems: list[Problem] = []
     for name, (_, origin) in merged.findings.items():
         if name not in derived and name not in asked:
