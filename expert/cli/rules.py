@@ -11,9 +11,12 @@ import typer
 from expert.cli import rule_diff, rule_writing
 from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.engine import EngineName, make_engine
-from expert.rules.cases import coverage, run_cases
+from expert.facts import Vocabulary
+from expert.rules.cases import coverage, read_cases, run_cases
 from expert.rules.check import as_json, check_rules
 from expert.rules.explain import sentence
+from expert.rules.load import LoadedRules
+from expert.rules.missing import missing_cases
 from expert.rules.model import STAGES
 from expert.rules.problem import RuleFileError
 from expert.rules.sarif import as_sarif
@@ -61,6 +64,9 @@ def run_rule_cases(
     rules: Layers = None,
     cases: Annotated[Optional[Path], typer.Option("--cases", help="Directory of the case files.")] = None,  # noqa: UP045
     show_coverage: Annotated[bool, typer.Option("--coverage", help="Also say which rules lack cases.")] = False,
+    missing: Annotated[
+        bool, typer.Option("--missing", help="Also print cases at the limits that no case touches.")
+    ] = False,
     engine: Annotated[str, typer.Option("--engine", help="compiled or experta.")] = "compiled",
 ) -> None:
     """Run the cases of rules."""
@@ -80,14 +86,28 @@ def run_rule_cases(
     if show_coverage:
         found = coverage(loaded, results, vocabulary, ids or None)
         complete = found.complete
-        for label, missing in (
+        for label, lacking in (
             ("firing case", found.without_firing),
             ("quiet case", found.without_quiet),
             ("boundary case", found.without_boundary),
         ):
-            typer.echo(f"without a {label}: {', '.join(missing) or 'none'} ({len(missing)} of {found.rules})")
+            typer.echo(f"without a {label}: {', '.join(lacking) or 'none'} ({len(lacking)} of {found.rules})")
+    if missing:
+        _print_missing(loaded, vocabulary, ids, cases)
     if failed or not complete:
         raise typer.Exit(1)
+
+
+def _print_missing(loaded: LoadedRules, vocabulary: Vocabulary, ids: list[str] | None, cases: Path | None) -> None:
+    files, _ = read_cases(loaded.merged, vocabulary, cases, ids or None)
+    found, impossible = missing_cases(loaded, make_engine("compiled", vocabulary), vocabulary, files)
+    for rule in sorted({case.rule for case in found}):
+        typer.echo(f"\n# for {rule}.yaml; `fires` is what the rule does now, check that it should")
+        typer.echo("\n".join(str(case) for case in found if case.rule == rule), nl=False)
+    for unmade in impossible:
+        typer.echo(unmade)
+    if not found and not impossible:
+        typer.echo("the cases touch every limit")
 
 
 def _engine_name(name: str) -> EngineName:

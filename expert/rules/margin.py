@@ -24,6 +24,7 @@ from expert.rules.model import (
     Rule,
     RuleBase,
 )
+from expert.rules.reader import Path
 from expert.rules.strata import conditions_of
 
 MAX_BINDINGS = 5000
@@ -134,17 +135,20 @@ class Judge:
 
     def at_boundary(self, rule: Rule) -> bool:
         """Say whether some comparison of the rule is exactly at its limit."""
-        comparisons = [item for item, _, _ in walk(rule) if isinstance(item, Comparison)]
-        ordered = [item for item in comparisons if item.op not in UNORDERED]
+        return next(self.at_limits(rule), None) is not None
+
+    def at_limits(self, rule: Rule) -> Iterator[tuple[Path, Scalar]]:
+        """Yield the path and the limit of every comparison that is exactly at its limit."""
+        comparisons = [(item, path) for item, path, _ in walk(rule) if isinstance(item, Comparison)]
+        ordered = [(item, path) for item, path in comparisons if item.op not in UNORDERED]
         present = {fact.template for fact in self._facts}
-        for bindings in self._bindings([item for item in comparisons if item.fact in present], {}):
-            for item in ordered:
+        for bindings in self._bindings([item for item, _ in comparisons if item.fact in present], {}):
+            for item, path in ordered:
                 value, limit = self._evaluator.sides(item, bindings)
                 if isinstance(value, int | float) and not isinstance(value, bool):
                     value = abs(value) if item.op.startswith("abs_") else value
                     if value in (limit if isinstance(limit, tuple) else (limit,)):
-                        return True
-        return False
+                        yield path, value
 
 
 def has_boundary(rule: Rule, vocabulary: Vocabulary) -> bool:

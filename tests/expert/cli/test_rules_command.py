@@ -121,3 +121,23 @@ def test_the_graph_shows_the_rules_of_a_stage_or_the_ones_asked_for(rules):
         '  rule_COR901 -->|"derive"| finding_slow\n'
     )
     assert invoke("graph", "COR999", "--rules", rules).exit_code == 2
+
+
+def test_the_cases_that_are_missing_are_printed_as_items_of_the_case_file(rules, cases):
+    limited = "[{fact: task, field: time_budget_s, op: lt, value: 2.0}]"
+    rules.write_text(RULES.replace("[{fact: task, field: profile, op: eq, value: fast}]", limited))
+    (cases / "COR901.yaml").write_text("- {name: fast, facts: [{fact: task, time_budget_s: 1.0}], fires: true}\n")
+    result = invoke("test", "COR901", "--rules", rules, "--cases", cases, "--missing")
+    assert result.output == (
+        "1 cases, 0 failed\n"
+        "\n"
+        "# for COR901.yaml; `fires` is what the rule does now, check that it should\n"
+        "- name: time_budget_s of task at its limit 2 s\n"
+        "  facts:\n"
+        "    - {fact: task, time_budget_s: 2.0}\n"
+        "  fires: false\n"
+    )
+    with (cases / "COR901.yaml").open("a") as stream:
+        stream.write(result.output.partition("should\n")[2])
+    result = invoke("test", "COR901", "--rules", rules, "--cases", cases, "--missing")
+    assert result.output == "2 cases, 0 failed\nthe cases touch every limit\n"
