@@ -138,7 +138,7 @@ class StereoPair:
             calibration=camera,
             attitude=attitude,
             mount=mount,
-            name=Path(left).stem,
+            name=Path(left).stem.encode("utf-8", "backslashreplace").decode(),  # names of files need not be UTF-8
         )
 
     @property

@@ -75,7 +75,7 @@ def verdict(decision: Decision) -> str:
         "Found: " + "; ".join(wrong) + "." if wrong else "Nothing unusual was found in the pair.",
     ]
     if decision.status != "failed":
-        sentences.append("Corrected by: " + ", ".join(corrected) + "." if corrected else "No correction was needed.")
+        sentences.append("Corrected by: " + ", ".join(corrected) + "." if corrected else "Nothing was corrected.")
         sentences += _trust(decision)
     return " ".join(sentences)
 
@@ -128,7 +128,7 @@ def _trials(decision: Decision) -> Iterator[str]:
 
 def sections(decision: Decision) -> Iterator[tuple[str, list[str]]]:
     """Yield the titles and lines of text and Markdown; a line indented by four belongs to the one before."""
-    yield "Findings", [f"{f.severity}: {f.sentence} ({', '.join(f.rules)})" for f in decision.findings]
+    yield "Findings", [f"{f.severity}: {f.sentence} ({', '.join(f.rules) or f.stage})" for f in decision.findings]
     yield "What was done, and why", list(_steps(decision))
     yield "Facts that mattered", [fact_text(record) for record in facts_that_mattered(decision)]
     fired = {(firing.rule, firing.name, firing.stage) for firing in decision.firings}
