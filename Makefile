@@ -14,7 +14,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property bench bench-accuracy bench-inference mutation fmt lock wheel clean
+.PHONY: help env demo test lint unit doctest property bench bench-accuracy bench-inference mutation schema fmt lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -65,9 +65,13 @@ bench-inference: $(STAMP)  ## Measure inference: shipped rules and generated rul
 mutation: $(STAMP)  ## Change every rule a little and check that one of its cases fails
 	@$(BIN)/python tests/expert/mutation.py
 
-fmt: $(STAMP)  ## Format the code and repair what the linter can
+schema: $(STAMP)  ## Write the schema of rule files, for editors
+	@$(BIN)/terrex rules schema > knowledge/rules.schema.json
+
+fmt: $(STAMP)  ## Format code and rules, and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true
 	@$(BIN)/ruff format -q $(PATHS)
+	@$(BIN)/terrex rules fmt knowledge/rules.yaml knowledge/cases/*.yaml
 
 lock:  ## Resolve the newest versions that pyproject.toml allows into requirements.lock
 	@$(PYTHON) -m venv --clear build/lock
