@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modules.measurement._coarse import CoarseMatch
 from modules.measurement.sample import Sample
@@ -63,17 +64,25 @@ def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
     least, most = _join(first, last, sample.coarse)
     span = most - least
     lowest = int(np.floor(least - max(2.0, PADDING_LOW * span)))
-    positive, negative = float(np.mean(disparities > 0)), float(np.mean(disparities < -NO_PARALLAX_PX))
     return [
         DisparityRangeFact(
             min_px=max(0, lowest) if first >= 0 else lowest,
             max_px=int(np.ceil(most + max(2.0, PADDING_HIGH * span))) + 1,
             source="estimated",
             support_count=len(disparities),
-            sign="positive" if positive > 0.95 else "negative" if negative > 0.95 else "mixed",
+            sign=_sign(disparities),
             matched_fraction=fraction,
         )
     ]
+
+
+def _sign(disparities: NDArray[np.float64]) -> Literal["positive", "negative", "mixed"]:
+    """Return the sign of nearly all disparities; sky and the horizon, which have none, do not vote."""
+    voting = disparities[np.abs(disparities) > NO_PARALLAX_PX]
+    if len(voting) < LEAST_SUPPORT:
+        return "positive" if np.mean(disparities > 0) > 0.95 else "mixed"
+    positive = float(np.mean(voting > 0))
+    return "positive" if positive > 0.95 else "negative" if positive < 0.05 else "mixed"
 
 
 def _join(low: float, high: float, coarse: CoarseMatch | None) -> tuple[float, float]:

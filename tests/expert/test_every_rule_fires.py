@@ -1,0 +1,118 @@
+"""Every shipped rule fires for some pair of images: no rule waits for facts that pairs do not have."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from expert import Decision, ExpertSystem, StereoPair
+from expert.facts import vocabulary
+from expert.rules.load import load_rules
+from modules.catalog import operators, probes
+from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, distort_right, render_terrain
+from modules.types import Attitude, Calibration, Views
+
+WIDTH, HEIGHT = 320, 240
+CAMERA = Calibration(250.0, 160.0, 120.0, 0.09, WIDTH, HEIGHT)
+NARROW = """version: 1
+rules:
+  - id: RIG001
+    name: range-cut-off
+    stage: matching
+    when: [{fact: task}]
+    then:
+      - {set: matching.use_range, parameter: LIMIT, score: 0.95}
+    because: The range of this rig is cut off where the disparities lie.
+    references: ["test"]
+"""
+
+
+def texture(seed: int, sigma_px: float = 1.2, width: int = WIDTH + 100) -> NDArray[np.uint8]:
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(0.0, 1.0, (HEIGHT, width)), (0, 0), sigma_px)
+    return np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8)
+
+
+def plane(scene: NDArray[np.uint8], shift_px: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    return scene[:, 60 : 60 + WIDTH].copy(), scene[:, 60 + shift_px : 60 + shift_px + WIDTH].copy()
+
+
+def rules_of(decision: Decision) -> set[str]:
+    """Return the rules that fired, those of trials that were not kept included."""
+    setters = {rule for plan in decision.plans.values() for step in plan.steps for rule in step.set_by.values()}
+    asked = {rule for trial in decision.trials for rule in re.findall(r"[A-Z]{3}\d{3}", trial.answer)}
+    return {*decision.rules_fired, *setters, *asked}
+
+
+def rendered_decisions(system: ExpertSystem) -> Iterator[Decision]:
+    made = render_terrain(
+        TerrainParams(seed=3, width_px=WIDTH, height_px=HEIGHT, focal_px=250.0, roll_deg=2.0, pitch_deg=-4.0)
+    )
+    known = {"calibration": made.calibration, "mount": made.mount}
+    views = Views(made.left, made.right)
+    for kind in REFERENCE_DISTORTIONS:
+        bad = distort_right(views, kind, seed=1)
+        yield system.reconstruct(StereoPair(bad.left, bad.right, attitude=made.attitude, **known)).decision
+    yield system.reconstruct(StereoPair(made.left, made.right, **known)).decision
+    yield system.reconstruct(StereoPair(made.left, made.right, attitude=Attitude(0.0, 1.3, 0.0), **known)).decision
+    yield system.reconstruct(StereoPair(made.right, made.left)).decision
+    for kind, strength in (("blur", 1.0), ("dark", 1.0), ("combined", 2.0), ("noise", 3.0)):
+        swapped = distort_right(Views(made.right, made.left), kind, seed=1, strength=strength)
+        yield system.reconstruct(StereoPair(swapped.right, swapped.left)).decision
+    smeared = distort_right(views, "blur", seed=1, strength=4.0)
+    yield system.reconstruct(StereoPair(smeared.left, smeared.right)).decision
+    yield system.reconstruct(
+        StereoPair(smeared.left, distort_right(smeared, "noise", seed=1, strength=2.0).right)
+    ).decision
+    for profile, budget in (("fast", None), ("balanced", 0.1)):
+        other = ExpertSystem(profile=profile, engine="compiled", time_budget_s=budget, memory_budget_mb=200)
+        yield other.decide(StereoPair(made.left, made.right, disparity_range_px=(0, 32)))
+
+
+def synthetic_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision]:
+    left, right = plane(texture(1), 12)
+    flat = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    yield system.reconstruct(StereoPair(flat, flat)).decision
+    yield system.reconstruct(StereoPair(left, left.copy())).decision
+    yield system.reconstruct(StereoPair(texture(2)[:, :WIDTH], texture(3)[:, :WIDTH])).decision
+    yield system.reconstruct(StereoPair(*plane(texture(4, sigma_px=12.0), 10))).decision
+    yield system.reconstruct(StereoPair(left, right, calibration=CAMERA)).decision
+    yield system.reconstruct(StereoPair(left, right, calibration=CAMERA, attitude=Attitude(0.0, 0.7, 0.0))).decision
+    wide = Calibration(250.0, 160.0, 120.0, 60.0, WIDTH, HEIGHT)
+    yield system.reconstruct(StereoPair(left, right, calibration=wide, attitude=Attitude())).decision
+    partly = right.copy()
+    partly[:, 70:] = texture(8)[:, : WIDTH - 70]
+    yield system.reconstruct(StereoPair(left, partly)).decision
+    ramp = np.clip(texture(1) * 0.5 + np.linspace(0, 127, HEIGHT)[:, None], 0, 255).astype(np.uint8)
+    curve = (255 * (np.arange(256) / 255.0) ** 3).astype(np.uint8)
+    bright, dim = plane(ramp, 12)
+    yield system.reconstruct(StereoPair(bright, curve[dim])).decision
+    small = Calibration(25.0, 11.0, 8.0, 20.0, 22, 16)
+    strip = texture(5)[:16]
+    tiny = StereoPair(
+        strip[:, :22], strip[:, 15:37], disparity_range_px=(0, 21), calibration=small, attitude=Attitude()
+    )
+    yield system.reconstruct(tiny).decision
+    for number, limit in enumerate(("max_px, to: 13", "min_px, to: 12")):
+        file = folder / f"narrow{number}.yaml"
+        file.write_text(NARROW.replace("LIMIT", limit))
+        yield ExpertSystem(rules=[file], engine="compiled").reconstruct(StereoPair(left, right)).decision
+
+
+def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = ExpertSystem(engine="compiled")
+    fired: set[str] = set()
+    for decision in (*rendered_decisions(system), *synthetic_decisions(system, tmp_path)):
+        fired |= rules_of(decision)
+    left, right = plane(texture(1), 12)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    fired |= rules_of(system.decide(StereoPair(left, right)))
+
+    shipped = load_rules(None, vocabulary(probes().values()), operators(), probes()).base.rules
+    assert sorted({rule.id for rule in shipped} - fired) == []
