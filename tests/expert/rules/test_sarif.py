@@ -96,7 +96,7 @@ SARIF = {
 }
 PROBLEMS = [
     Problem("my rig.yaml", 9, 56, "out-of-range", "the value is fasst", "write fast"),
-    Problem("/tmp/rig.yaml", 1, 1, "tie", "two rules tie", level="warning"),
+    Problem("/rigs/rig.yaml", 1, 1, "tie", "two rules tie", level="warning"),
     Problem("my rig.yaml", 12, 5, "out-of-range", "the value is sloww"),
 ]
 
@@ -115,7 +115,7 @@ def test_every_result_points_at_its_code_its_file_and_its_place():
     places = [result["locations"][0]["physicalLocation"] for result in run["results"]]
     assert [place["artifactLocation"]["uri"] for place in places] == [
         "my%20rig.yaml",
-        "file:///tmp/rig.yaml",
+        "file:///rigs/rig.yaml",
         "my%20rig.yaml",
     ]
     assert places[0]["region"] == {"startLine": 9, "startColumn": 56}
