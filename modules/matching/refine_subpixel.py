@@ -36,7 +36,7 @@ def refine_by_intensity(left: Bytes, right: Bytes, disparity: FloatImage, pool: 
     A. W. Gruen, Adaptive Least Squares Correlation, South African Journal of Photogrammetry 14(3), 1985.
     M. Shimizu and M. Okutomi, Sub-pixel Estimation Error Cancellation on Area-Based Matching, IJCV 63(3), 2005.
     """
-    from modules.matching import kernels
+    from modules.matching.kernels import refinement
 
     rows, columns = disparity.shape
     halves = (0, rows // 2), (rows // 2, rows)
@@ -47,14 +47,14 @@ def refine_by_intensity(left: Bytes, right: Bytes, disparity: FloatImage, pool: 
 
     def work(start: int, stop: int) -> None:
         part = slice(start, stop)
-        kernels.smooth_rows(disparity, start, stop, smooth)
+        refinement.smooth_rows(disparity, start, stop, smooth)
         down = np.repeat(np.arange(start, stop, dtype=np.float32)[:, None], columns, axis=1)
         at = across - smooth[part]
         warped[part] = cv2.remap(target, at, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         warped_slope[part] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def fit(start: int, stop: int) -> None:
-        kernels.fit_rows(wanted, warped, warped_slope, smooth, start, stop, refined)
+        refinement.fit_rows(wanted, warped, warped_slope, smooth, start, stop, refined)
 
     for step in (work, fit):
         for half in [pool.submit(step, *bounds) for bounds in halves]:

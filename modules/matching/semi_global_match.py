@@ -100,14 +100,15 @@ def _aggregate_strip(
     pool: ThreadPoolExecutor, inputs: _Inputs, params: SemiGlobalMatchParams, top: int, bottom: int, volumes: _Volumes
 ) -> None:
     """Fill the cost of rows top to bottom and the sum of its eight paths."""
-    from modules.matching import kernels
+    from modules.matching.kernels import cost as cost_kernels
+    from modules.matching.kernels import paths as path_kernels
 
     gray = inputs.gray[top:bottom]
     cost, total = volumes.cost[: bottom - top], volumes.total[: bottom - top]
     limit = SLOPE_LIMIT if params.cost == "hybrid" else 0
 
     def fill(first: int, last: int) -> None:
-        kernels.cost_rows(
+        cost_kernels.cost_rows(
             inputs.bits[0],
             inputs.bits[1],
             inputs.slopes[0],
@@ -119,15 +120,15 @@ def _aggregate_strip(
             top + last,
             cost[first:last],
         )
-        cost[first:last, :, inputs.search.count :] = kernels.PADDING
+        cost[first:last, :, inputs.search.count :] = cost_kernels.PADDING
         total[first:last] = 0
 
     def sweep(backward: int, first: int, last: int) -> None:
         paths, least = volumes.paths[backward], volumes.least[backward]
         if first == 0:
-            kernels.start_paths(paths, least)
+            path_kernels.start_paths(paths, least)
         count, p1, p2 = inputs.search.count, inputs.p1, inputs.p2_of_step
-        kernels.aggregate(cost, count, gray, p1, p2, bool(backward), first, last, paths, least, total)
+        path_kernels.aggregate(cost, count, gray, p1, p2, bool(backward), first, last, paths, least, total)
 
     rows = bottom - top
     half = rows // 2
@@ -141,14 +142,15 @@ def match_strips(
     left: Bytes, right: Bytes, search: DisparityRange, params: SemiGlobalMatchParams
 ) -> tuple[FloatImage, FloatImage, FloatImage]:
     """Return left disparity, right disparity and cost ratio of a gray pair, each float32 (H, W)."""
-    from modules.matching import kernels
+    from modules.matching.kernels import cost as cost_kernels
+    from modules.matching.kernels import selection
 
     rows, columns = left.shape
-    count = math.ceil(search.count / kernels.LANES) * kernels.LANES
+    count = math.ceil(search.count / cost_kernels.LANES) * cost_kernels.LANES
     height = rows_per_strip(rows, columns, count, params.max_memory_mb)
     step = np.arange(256)
-    p1 = params.p1 * kernels.COST_UNITS
-    p2 = np.maximum(params.p2 * kernels.COST_UNITS / (1.0 + params.p2_decay_per_dn * step), p1)
+    p1 = params.p1 * cost_kernels.COST_UNITS
+    p2 = np.maximum(params.p2 * cost_kernels.COST_UNITS / (1.0 + params.p2_decay_per_dn * step), p1)
     deepest = min(height + 2 * OVERLAP_ROWS, rows)
     volumes = _Volumes(
         np.empty((deepest, columns, count), np.uint8),
@@ -159,7 +161,7 @@ def match_strips(
     disparity, right_px, ratio = (np.empty((rows, columns), np.float32) for _ in range(3))
     gray = left.astype(np.int32)
     with ThreadPoolExecutor(2) as pool:
-        left_bits, right_bits = pool.map(kernels.census, (gray, right.astype(np.int32)))
+        left_bits, right_bits = pool.map(cost_kernels.census, (gray, right.astype(np.int32)))
         inputs = _Inputs(
             bits=(left_bits, right_bits),
             slopes=(_slope(left), _slope(right)),
@@ -175,7 +177,7 @@ def match_strips(
 
             def choose(first: int, last: int, top: int = top) -> None:
                 found = slice(first, last)
-                kernels.select(
+                selection.select(
                     volumes.total,
                     search.count,
                     first - top,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modules.matching import kernels
+from modules.matching.kernels import refinement
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.matching.semi_global_match import SemiGlobalMatchParams, semi_global_match
 from modules.types import DisparityRange, Matching, Views
@@ -57,7 +57,7 @@ def test_no_disparity_moves_further_than_the_limits_even_where_nothing_fits() ->
     left, right = rng.integers(0, 256, (2, 30, 50)).astype(np.uint8)
     disparity = rng.uniform(0, 6, (30, 50)).astype(np.float32)
     moved = np.abs(refined(Views(left, right), disparity) - disparity)
-    assert moved.max() <= kernels.SMOOTH_LIMIT + kernels.STEP_LIMIT + 1e-5
+    assert moved.max() <= refinement.SMOOTH_LIMIT + kernels.STEP_LIMIT + 1e-5
 
 
 def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
@@ -66,8 +66,8 @@ def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
     whole, parts = np.empty((2, *truth.shape), np.float32), np.empty((2, *truth.shape), np.float32)
     for bounds, out in (((0, 60),), whole), (((0, 13), (13, 60)), parts):
         for start, stop in bounds:
-            kernels.smooth_rows(truth + np.float32(0.1), start, stop, out[0])
-            kernels.fit_rows(images[0], images[1], images[1], truth, start, stop, out[1])
+            refinement.smooth_rows(truth + np.float32(0.1), start, stop, out[0])
+            refinement.fit_rows(images[0], images[1], images[1], truth, start, stop, out[1])
     np.testing.assert_array_equal(whole, parts)
 
 

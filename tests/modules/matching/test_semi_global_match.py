@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from modules.matching import kernels
+from modules.matching.kernels import cost as cost_kernels
+from modules.matching.kernels import paths as path_kernels
 from modules.matching.check_left_right import CheckLeftRightParams, check_left_right
 from modules.matching.semi_global_match import (
     OVERLAP_ROWS,
@@ -44,15 +45,15 @@ def plain_path(
 def test_aggregation_equals_a_plain_implementation(backward: bool) -> None:
     rng = np.random.default_rng(4)
     searched = 7
-    cost = np.full((9, 11, 16), kernels.PADDING, np.uint8)
+    cost = np.full((9, 11, 16), cost_kernels.PADDING, np.uint8)
     cost[:, :, :searched] = rng.integers(0, 247, (9, 11, searched))
     gray = rng.integers(0, 256, (9, 11)).astype(np.int32)
     p2 = np.maximum(250 / (1 + 0.05 * np.arange(256)), 38).astype(np.int16)
     found = np.zeros(cost.shape, np.int16)
     paths, least = np.empty((2, 3, 13, 18), np.int16), np.empty((2, 3, 13), np.int16)
-    kernels.start_paths(paths, least)
+    path_kernels.start_paths(paths, least)
     for begin, end in ((0, 4), (4, 9)):
-        kernels.aggregate(cost, searched, gray, 38, p2, backward, begin, end, paths, least, found)
+        path_kernels.aggregate(cost, searched, gray, 38, p2, backward, begin, end, paths, least, found)
     directions = [(0, 1), (1, 1), (1, 0), (1, -1)]
     sign = -1 if backward else 1
     truth = sum(
@@ -69,7 +70,7 @@ def test_the_cost_equals_a_plain_implementation() -> None:
     slopes = rng.integers(-1020, 1021, (2, 8, 12)).astype(np.int16)
     low, count = -3, 9
     found = np.zeros((8, 12, count), np.uint8)
-    kernels.cost_rows(left, right, slopes[0], slopes[1], low, 31, 1, 0, 8, found)
+    cost_kernels.cost_rows(left, right, slopes[0], slopes[1], low, 31, 1, 0, 8, found)
     raw = np.zeros((8, 12, count))
     for y in range(8):
         for x in range(12):
@@ -79,7 +80,7 @@ def test_the_cost_equals_a_plain_implementation() -> None:
                 raw[y, x, d] = bits + 0.5 * min(abs(int(slopes[0, y, x]) - int(slopes[1, y, xr])), 31)
     wide = np.pad(raw, ((1, 1), (1, 1), (0, 0)), mode="edge")
     mean = sum(wide[dy : dy + 8, dx : dx + 12] for dy in range(3) for dx in range(3)) / 9
-    np.testing.assert_allclose(found, np.floor(mean * kernels.COST_UNITS), atol=1)
+    np.testing.assert_allclose(found, np.floor(mean * cost_kernels.COST_UNITS), atol=1)
 
 
 def test_a_part_of_the_rows_costs_the_same_as_all_of_them() -> None:
@@ -87,8 +88,8 @@ def test_a_part_of_the_rows_costs_the_same_as_all_of_them() -> None:
     left, right = rng.integers(0, 2**24, (2, 20, 12)).astype(np.uint32)
     slopes = rng.integers(-1020, 1021, (2, 20, 12)).astype(np.int16)
     whole, part = np.zeros((20, 12, 8), np.uint8), np.zeros((7, 12, 8), np.uint8)
-    kernels.cost_rows(left, right, slopes[0], slopes[1], 0, 31, 2, 0, 20, whole)
-    kernels.cost_rows(left, right, slopes[0], slopes[1], 0, 31, 2, 6, 13, part)
+    cost_kernels.cost_rows(left, right, slopes[0], slopes[1], 0, 31, 2, 0, 20, whole)
+    cost_kernels.cost_rows(left, right, slopes[0], slopes[1], 0, 31, 2, 6, 13, part)
     np.testing.assert_array_equal(part, whole[6:13])
 
 
