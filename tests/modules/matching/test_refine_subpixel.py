@@ -57,7 +57,7 @@ def test_no_disparity_moves_further_than_the_limits_even_where_nothing_fits() ->
     left, right = rng.integers(0, 256, (2, 30, 50)).astype(np.uint8)
     disparity = rng.uniform(0, 6, (30, 50)).astype(np.float32)
     moved = np.abs(refined(Views(left, right), disparity) - disparity)
-    assert moved.max() <= refinement.SMOOTH_LIMIT + kernels.STEP_LIMIT + 1e-5
+    assert moved.max() <= refinement.SMOOTH_LIMIT + refinement.STEP_LIMIT + 1e-5
 
 
 def test_parts_of_the_rows_are_refined_like_the_whole() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from modules.matching.check_left_right import CheckLeftRightParams, check_left_right
 from modules.matching.kernels import cost as cost_kernels
 from modules.matching.kernels import paths as path_kernels
-from modules.matching.check_left_right import CheckLeftRightParams, check_left_right
 from modules.matching.semi_global_match import (
     OVERLAP_ROWS,
     SemiGlobalMatchParams,
