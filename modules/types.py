@@ -188,6 +188,73 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class Camera:
+    """One camera as it is, before rectification.
+
+    Attributes
+    ----------
+    focal_px, centre_px : (float, float)
+        Along columns and rows; pixel centres have whole coordinates.
+    width_px, height_px : int
+    distortion : tuple of float
+        Coefficients of `model`; empty for none.
+    model : {"radtan", "equidistant"}
+        `radtan` is Brown's (k1, k2, p1, p2[, k3[, k4, k5, k6[, ...]]], the order of OpenCV), `equidistant` the fisheye
+        model of Kannala and Brandt (k1, k2, k3, k4).
+    """
+
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    width_px: int
+    height_px: int
+    distortion: tuple[float, ...] = ()
+    model: Literal["radtan", "equidistant"] = "radtan"
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Camera matrix (3, 3)."""
+        (fx, fy), (cx, cy) = self.focal_px, self.centre_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Rectification:
+    """How two cameras are turned into a parallel rig: `p_rectified = rotation @ p_optical` for each.
+
+    Attributes
+    ----------
+    left_rotation, right_rotation : float64 (3, 3)
+    calibration : Calibration
+        Of the rectified pair.
+    """
+
+    left_rotation: NDArray[np.float64]
+    right_rotation: NDArray[np.float64]
+    calibration: Calibration
+
+
+@dataclass(frozen=True)
+class StereoRig:
+    """Two cameras as they are: `p_right = rotation @ p_left + translation_m`, both optical.
+
+    Attributes
+    ----------
+    left, right : Camera
+    rotation : float64 (3, 3)
+    translation_m : (float, float, float)
+        The first component is negative where the right camera stands to the right.
+    rectification : Rectification or None
+        The one that the calibration file prescribes; None leaves the choice.
+    """
+
+    left: Camera
+    right: Camera
+    rotation: NDArray[np.float64]
+    translation_m: tuple[float, float, float]
+    rectification: Rectification | None = None
+
+
+@dataclass(frozen=True)
 class Attitude:
     """Attitude of the body: `p_level = Rz(yaw) Ry(pitch) Rx(roll) p_body`, radians, REP 103."""
 
@@ -195,6 +262,24 @@ class Attitude:
     pitch_rad: float = 0.0
     yaw_rad: float = 0.0
     sigma_rad: float = 0.0  # standard deviation of roll and pitch
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the body stands in a map: `p_map = Rz(yaw) Ry(pitch) Rx(roll) p_body + translation_m`.
+
+    Attributes
+    ----------
+    attitude : Attitude
+    translation_m : (float, float, float)
+        The body's origin in the level frame of the map, or east, north, up where yaw counts from east.
+    sigma_m : float
+        Standard deviation of each component of the translation, m.
+    """
+
+    attitude: Attitude = field(default_factory=Attitude)
+    translation_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sigma_m: float = 0.0
 
 
 @dataclass(frozen=True)
