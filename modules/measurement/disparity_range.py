@@ -7,12 +7,14 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.measurement._coarse import CoarseMatch
 from modules.measurement.sample import Sample
+from modules.primitives.coarse import CoarseMatch
 from modules.probe import FactModel, Probe, quantity
 
 PADDING_LOW = 0.22  # of the span; percentiles of features underestimate the range by 20 to 25 %
 PADDING_HIGH = 0.35  # near objects are small and rarely carry features
+SPARSE_PERCENT = (0.5, 99.5)  # of the sparse matches, which are seldom wrong
+DENSE_PERCENT = (1.0, 99.0)  # of the coarse match, which is wrong on a few pixels
 LEAST_SUPPORT = 12  # matches
 NO_PARALLAX_PX = 0.5  # disparities nearer to 0 say nothing about the order of the images: one file given twice
 
@@ -52,7 +54,7 @@ def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
         return [DisparityRangeFact(min_px=low, max_px=high, source="given", support_count=0, sign=sign)]
     features = sample.features
     agreeing = features.agreeing
-    fraction = min(1.0, len(agreeing) / max(1, min(features.left_count, features.right_count)))
+    fraction = features.agreeing_fraction
     disparities = (agreeing.left_xy - agreeing.right_xy)[:, 0].astype(np.float64)
     if len(disparities) < LEAST_SUPPORT:
         return [
@@ -60,7 +62,7 @@ def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
                 source="unknown", support_count=len(disparities), sign="unknown", matched_fraction=fraction
             )
         ]
-    first, last = (float(value) for value in np.percentile(disparities, (1, 99)))
+    first, last = (float(value) for value in np.percentile(disparities, SPARSE_PERCENT))
     least, most = _join(first, last, sample.coarse)
     span = most - least
     lowest = int(np.floor(least - max(2.0, PADDING_LOW * span)))
@@ -88,7 +90,12 @@ def _sign(disparities: NDArray[np.float64]) -> Literal["positive", "negative", "
 def _join(low: float, high: float, coarse: CoarseMatch | None) -> tuple[float, float]:
     if coarse is None:
         return low, high
-    return min(low, coarse.low_px), max(high, coarse.high_px)
+    visible = coarse.visible()
+    known = visible[np.isfinite(visible)]
+    if known.size == 0:
+        return low, high
+    first, last = np.percentile(known, DENSE_PERCENT) / coarse.factor
+    return min(low, float(first)), max(high, float(last))
 
 
 PROBE = Probe(

@@ -10,16 +10,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.measurement._coarse import CoarseMatch, coarse_match
-from modules.primitives.features import match_features
+from modules.primitives.coarse import CoarseMatch, coarse_factor, coarse_match
+from modules.primitives.features import match_features, track_corners
 from modules.primitives.noise import estimate_noise_dn
 from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray
 from modules.primitives.rows import RowFit, fit_rows
+from modules.primitives.warp import row_alignment_map, warp
 from modules.types import Correspondences, DisparityRange, Image, Views
 
 Gray = NDArray[np.uint8]
 
 COLUMN_STEP = 2  # every second row and column suffices for histograms
+SEARCH = (-0.25, 0.45)  # disparities of the coarse match as fractions of the width; negative: swapped or toed in
+SEARCH_MARGIN_PX = 8  # around a given range
+TRUSTED_FRACTION = 0.2  # of the corners agree on one row model; clean pairs 0.5 and more, unrelated ones 0.01
+COARSE_ROW_ERROR_PX = 1.0  # of the thumbnail; rows that are off by more are aligned before matching again
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,11 @@ class FeatureMatches:
             return Correspondences(none, none)
         keep = self.fit.inliers
         return Correspondences(self.matches.left_xy[keep], self.matches.right_xy[keep])
+
+    @property
+    def agreeing_fraction(self) -> float:
+        """Matches that agree with the row model over the features of the poorer image."""
+        return min(1.0, len(self.agreeing) / max(1, min(self.left_count, self.right_count)))
 
 
 class Sample:
@@ -126,17 +136,43 @@ class Sample:
         return estimate_noise_dn(left), estimate_noise_dn(right)
 
     @cached_property
+    def first_coarse(self) -> CoarseMatch | None:
+        """A dense match of thumbnails of the images as they are, over half the width or around the given range."""
+        return self._match_coarsely(self.gray8[1])
+
+    @cached_property
     def features(self) -> FeatureMatches:
-        """Sparse matches with the row model fitted to them; the dearest intermediate."""
+        """Sparse matches with the row model fitted to them.
+
+        Corners are tracked from the coarse match; where few agree on one row model, as with rows that are far off,
+        features are matched over the whole image, which takes ten times as long.
+        """
+        if self.first_coarse is not None:
+            matches, corners = track_corners(*self.gray8, self.first_coarse)
+            tracked = FeatureMatches(matches, corners, corners, fit_rows(matches, self.shape))
+            if tracked.agreeing_fraction >= TRUSTED_FRACTION:
+                return tracked
         matches, (left, right) = match_features(*self.gray8)
         return FeatureMatches(matches, left, right, fit_rows(matches, self.shape))
 
     @cached_property
     def coarse(self) -> CoarseMatch | None:
-        """A dense match of thumbnails; with a given range it needs no sparse matches."""
+        """The coarse match; matched again with aligned rows where they are too far off for it."""
+        first, fit = self.first_coarse, self.features.fit
+        if fit is None:
+            return first
+        thumbnail = coarse_factor(self.shape)
+        if fit.model.max_abs_px(self.shape) * thumbnail <= COARSE_ROW_ERROR_PX:
+            return first
+        aligned, _ = warp(self.gray8[1], *row_alignment_map(fit.model, self.shape))
+        return self._match_coarsely(to_8_bit(aligned)) or first
+
+    def _match_coarsely(self, right: Gray) -> CoarseMatch | None:
         if self.given_range is not None:
-            return coarse_match(*self.gray8, self.given_range, None, None)
-        return coarse_match(*self.gray8, None, self.features.agreeing, self.features.fit)
+            low, high = self.given_range.min_px - SEARCH_MARGIN_PX, self.given_range.max_px + SEARCH_MARGIN_PX
+        else:
+            low, high = (round(fraction * self.shape[1]) for fraction in SEARCH)
+        return coarse_match(self.gray8[0], right, low, high)
 
 
 def _eight(plane: Any) -> Gray:

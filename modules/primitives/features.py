@@ -8,9 +8,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from modules.primitives.coarse import CoarseMatch
 from modules.types import Correspondences
 
 LOWE_RATIO = 0.8  # D. Lowe, IJCV 2004, section 7.1
+
+CORNERS = 400
+TRACK_WIDTH_PX = 800  # corners of wider images are tracked at this width
+NORMALISE_PX = 15  # window of the local normalisation, which makes tracking immune to light
+DAMPING_DN = 4.0  # added to the local deviation
+PATCH_PX = 15  # window that is tracked
+RETURN_PX = 0.3  # a corner tracked there and back ends at most this far from where it began
 
 
 def stretch(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -19,6 +27,69 @@ def stretch(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     gain = 255.0 / max(high - low, 16.0)
     table = np.clip((np.arange(256) - low) * gain, 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(image, table), dtype=np.uint8).reshape(image.shape)
+
+
+def track_corners(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], coarse: CoarseMatch
+) -> tuple[Correspondences, int]:
+    """Track corners of the left image to the right one, from where a coarse match says they lie.
+
+    Takes a tenth of the time of `match_features` and is more precise, but finds nothing where the coarse match fails,
+    as under a row offset of more than about 2 px of its thumbnail.
+
+    Parameters
+    ----------
+    left, right : uint8 (H, W)
+    coarse : CoarseMatch
+
+    Returns
+    -------
+    matches : Correspondences
+        Tracked there and back to within 0.3 px; not checked against any geometry.
+    corners : int
+        Corners that were found, those without a coarse match included.
+
+    References
+    ----------
+    J. Shi and C. Tomasi, Good features to track, CVPR 1994; J.-Y. Bouguet, Pyramidal implementation of the
+    Lucas-Kanade feature tracker, Intel 2000.
+    """
+    scale = min(1.0, TRACK_WIDTH_PX / left.shape[1])
+    planes = [_normalised(image, scale) for image in (left, right)]
+    found: Any = cv2.goodFeaturesToTrack(planes[0], CORNERS, 0.02, max(3.0, planes[0].shape[1] / 110))
+    corners = np.zeros((0, 2), np.float32) if found is None else np.asarray(found, np.float32).reshape(-1, 2)
+    shift = coarse.disparity_at(corners / np.float32(scale)) * np.float32(scale)
+    here, shift = corners[np.isfinite(shift)], shift[np.isfinite(shift)]
+    if not len(here):
+        none = np.zeros((0, 2), np.float32)
+        return Correspondences(none, none), len(corners)
+    moved = np.stack([shift, np.zeros_like(shift)], axis=1)
+    there, seen = _track(planes[0], planes[1], here, here - moved)
+    back, seen_again = _track(planes[1], planes[0], there, there + moved)
+    keep = seen & seen_again & (np.abs(back - here).max(axis=1) < RETURN_PX)
+    full = [((points[keep] + 0.5) / scale - 0.5).astype(np.float32) for points in (here, there)]
+    return Correspondences(*full), len(corners)
+
+
+def _normalised(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    if scale < 1:
+        image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    window = (NORMALISE_PX, NORMALISE_PX)
+    values = cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32)
+    mean = cv2.blur(values, window)
+    spread = cv2.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))
+    normal = 128 + 40 * (values - mean) / (spread + np.float32(DAMPING_DN))
+    return np.clip(normal, 0, 255).astype(np.uint8)
+
+
+def _track(
+    source: NDArray[np.uint8], target: NDArray[np.uint8], points: NDArray[np.float32], guess: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        source, target, points[:, None], guess[:, None].copy(), winSize=(PATCH_PX, PATCH_PX), maxLevel=1,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.02), flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )  # fmt: skip
+    return np.asarray(moved, np.float32).reshape(-1, 2), np.asarray(status).ravel() > 0
 
 
 def match_features(

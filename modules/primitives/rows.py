@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from modules.primitives.statistics import fit_linear, robust_sigma
 from modules.types import Correspondences
 
+SAMPLES = 200  # of three matches
+
 
 @dataclass(frozen=True)
 class RowModel:
@@ -111,16 +113,11 @@ def _densest(values: NDArray[np.float64], half_width: float) -> NDArray[np.bool_
 
 
 def _sample_consensus(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    random = np.random.default_rng(0)
-    best, best_score = np.array([float(np.median(values)), 0.0, 0.0]), -1.0
-    candidates = [best]
-    for _ in range(200):
-        pick = random.choice(len(values), 3, replace=False)
-        if abs(np.linalg.det(design[pick])) > 0.05:
-            candidates.append(np.linalg.solve(design[pick], values[pick]))
-    for candidate in candidates:
-        residual = np.abs(values - design @ candidate)
-        score = float(np.clip(1 - residual, 0, None).sum()) * (1 - 0.01 * min(float(np.abs(candidate[1:]).max()), 50.0))
-        if score > best_score:
-            best, best_score = candidate, score
-    return best
+    picks = np.random.default_rng(0).integers(len(values), size=(SAMPLES, 3))
+    picks = picks[np.abs(np.linalg.det(design[picks])) > 0.05]  # also drops a match that was drawn twice
+    candidates = np.array([[float(np.median(values)), 0.0, 0.0]])
+    if len(picks):
+        candidates = np.vstack([candidates, np.linalg.solve(design[picks], values[picks][..., None])[..., 0]])
+    close = np.clip(1 - np.abs(values - candidates @ design.T), 0, None).sum(axis=1)
+    steep = np.abs(candidates[:, 1:]).max(axis=1)
+    return np.asarray(candidates[int(np.argmax(close * (1 - 0.01 * np.minimum(steep, 50.0))))])

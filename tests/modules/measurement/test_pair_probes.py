@@ -162,3 +162,17 @@ def test_format_and_histograms_of_16_bit_colour_are_on_the_255_scale() -> None:
     facts = measure_histograms(sample)
     assert len(facts) == 8
     assert {fact.mean_dn for fact in facts} == {100.0}
+
+
+def test_rows_that_are_far_off_are_found_by_features_over_the_whole_image() -> None:
+    left, right = pair()
+    moved = np.roll(right, 22, axis=0)
+    sample = Sample(Views(left, moved))
+    fact = measure_row_alignment(sample)[0]
+    assert fact.offset_px == pytest.approx(22, abs=0.1)
+    estimate = measure_disparity_range(sample)[0]
+    assert estimate.min_px is not None
+    assert estimate.max_px is not None
+    assert estimate.min_px <= SHIFT_PX < estimate.max_px < 3 * SHIFT_PX
+    assert sample.coarse is not None
+    assert np.nanmedian(sample.coarse.disparity_px) / sample.coarse.factor == pytest.approx(SHIFT_PX, abs=0.5)
