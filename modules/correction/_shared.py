@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from modules.operator import OperatorError
-from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray
+from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray, to_levels
 from modules.primitives.statistics import Floats, count_levels
-from modules.types import Image, Mask, Views
+from modules.types import FloatImage, Image, Mask, Views, full_scale
 
 
 def check_pair(views: Views, name: str) -> None:
@@ -38,12 +40,38 @@ def channel_histograms(views: Views, shift_px: int, channels: str) -> tuple[list
     for name, image, use in (("left", left_cut, left_use), ("right", right_cut, right_use)):
         if not use.any():
             raise OperatorError(f"correction: no pixel of the {name} image is unmasked; loosen the masks first")
-        planes: list[Image] = [to_gray(np.ascontiguousarray(image))]
-        if channels == "each" and image.ndim == 3:
-            planes = [image[..., c] for c in range(image.shape[2])]
+        planes = planes_of(image) if channels == "each" else [to_gray(np.ascontiguousarray(image))]
         sides.append([count_levels(plane if use.all() else plane[use]) for plane in planes])
     return sides[0], sides[1]
 
 
+def planes_of(image: Image) -> list[Image]:
+    """Return the channels of an image, each contiguous; one for a gray image."""
+    if image.ndim == 2:
+        return [image]
+    return [cast(Image, np.ascontiguousarray(image[..., channel])) for channel in range(image.shape[2])]
+
+
 def _mask(mask: Mask | None, views: Views) -> Mask:
     return np.ones(views.shape, bool) if mask is None else mask
+
+
+def rescale_jointly(left: FloatImage, right: FloatImage, like: Image, name: str) -> tuple[Image, Image]:
+    """Bring two results to the dtype of `like` by one range, so that equal values stay equal.
+
+    The 0.5th and 99.5th percentile of both together become 0 and full scale; what lies beyond is clipped.
+
+    Raises
+    ------
+    OperatorError
+        If the values do not vary.
+    """
+    sample = np.concatenate([image[::3, ::3].ravel() for image in (left, right)])
+    low, high = np.percentile(sample, (0.5, 99.5))
+    if not high > low:
+        raise OperatorError(
+            f"{name}: both images have the one value {float(low):.4g} after filtering, two are needed; "
+            "a constant image cannot be corrected"
+        )
+    gain = full_scale(like) / float(high - low)
+    return to_levels(left, gain, -gain * float(low), like), to_levels(right, gain, -gain * float(low), like)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
 from pydantic import Field
@@ -48,11 +50,11 @@ def mask_saturated(views: Views, params: MaskSaturatedParams) -> Views:
 
 
 def _usable(image: Image, params: MaskSaturatedParams) -> Mask:
-    planes = image if image.ndim == 3 else image[..., None]
     scale = dn_scale(image)
-    clipped: Mask = np.asarray(
-        (planes >= params.high_dn * scale).any(axis=2) | (planes <= params.low_dn * scale).all(axis=2)
-    )
+    largest = image  # of the channels: clipped if any channel is, black if all are
+    if image.ndim == 3:
+        largest = cast(Image, np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2]))
+    clipped: Mask = np.asarray((largest >= params.high_dn * scale) | (largest <= params.low_dn * scale))
     if params.margin_px and clipped.any():
         size = 2 * params.margin_px + 1
         clipped = np.asarray(cv2.dilate(clipped.view(np.uint8), np.ones((size, size), np.uint8)) > 0)

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from modules.correction._shared import check_pair
 from modules.operator import Cost, Operator, OperatorParams
-from modules.primitives.photometry import normalise_contrast
+from modules.primitives.photometry import normalise_contrast, to_levels
 from modules.types import Image, Views, dn_scale, full_scale
 
 
@@ -54,8 +54,7 @@ def normalise_local_contrast(views: Views, params: NormaliseLocalContrastParams)
 def _normalise(image: Image, params: NormaliseLocalContrastParams) -> Image:
     half = full_scale(image) / 2
     values: NDArray[np.float32] = normalise_contrast(image, params.sigma_px, params.eps_dn * dn_scale(image))
-    scaled = np.rint(half + values * np.float32(half / params.clip_sigmas))
-    return np.clip(scaled, 0, full_scale(image)).astype(image.dtype)
+    return to_levels(values, half / params.clip_sigmas, half, image)
 
 
 OPERATOR = Operator(
@@ -63,7 +62,7 @@ OPERATOR = Operator(
     slot="local",
     params=NormaliseLocalContrastParams,
     function=normalise_local_contrast,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=400),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=80),
     summary="Replaces both images by their locally normalised contrast.",
     suits="Vignetting and lighting gradients with intensity-based costs; amplifies noise, useless for census.",
 )

@@ -2,7 +2,6 @@ import cv2
 import numpy as np
 import pytest
 
-from modules.correction import OPERATORS, SLOTS
 from modules.correction.align_rows import AlignRowsParams, align_rows
 from modules.correction.fit_gain_offset import FitGainOffsetParams, fit_gain_offset
 from modules.correction.mask_saturated import MaskSaturatedParams, mask_saturated
@@ -18,20 +17,6 @@ def texture(shape: tuple[int, ...] = (120, 160), dtype: str = "uint8", seed: int
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
     scaled = np.clip(120 + 40 * smooth / smooth.std(), 5, 250)
     return np.rint(scaled * (np.iinfo(dtype).max / 255)).astype(dtype)
-
-
-@pytest.mark.parametrize("operator", OPERATORS, ids=lambda operator: operator.name)
-@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
-@pytest.mark.parametrize("shape", [(60, 80), (60, 80, 3)])
-def test_shape_and_dtype_are_kept_and_inputs_are_not_modified(operator, dtype, shape) -> None:
-    left, right = texture(shape, dtype), texture(shape, dtype, seed=1)
-    copies = left.copy(), right.copy()
-    result = operator.function(Views(left, right), operator.params())
-    assert result.left.shape == shape
-    assert result.left.dtype == result.right.dtype == np.dtype(dtype)
-    np.testing.assert_array_equal(left, copies[0])
-    np.testing.assert_array_equal(right, copies[1])
-    assert operator.slot in SLOTS
 
 
 @pytest.mark.parametrize("reference", ["left", "right", "midway"])
