@@ -72,6 +72,16 @@ class ExpertSystem:
         loaded = load_rules([Path(path) for path in rules], words, operators(), probes())
         self._knowledge = Knowledge(loaded, make_engine(engine, words), operators(), probes())
 
+    @property
+    def rules_digest(self) -> str:
+        """SHA-256 of the rule base, layers included."""
+        return self._knowledge.rules.digest
+
+    @property
+    def rule_ids(self) -> tuple[str, ...]:
+        """Ids of the rules, layers included, sorted."""
+        return tuple(sorted(rule.id for rule in self._knowledge.rules.base.rules))
+
     def decide(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Decision:
         """Measure the pair and plan every stage, without dense matching.
 

@@ -181,6 +181,7 @@ def simulate(
 
 def main() -> None:
     """Run the command line; faults of the input end with exit code 2 and a sentence."""
+    from expert.cli.evaluate import evaluate
     from expert.cli.explain import explain
     from expert.cli.report import report
     from expert.cli.rules import app as rules_app
@@ -191,6 +192,7 @@ def main() -> None:
     from modules.formats import FormatError
 
     if not any(group.name == "rules" for group in app.registered_groups):
+        app.command()(evaluate)
         app.command()(explain)
         app.command()(report)
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")

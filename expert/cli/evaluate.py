@@ -1,0 +1,193 @@
+"""`terrex evaluate`: terrex and fixed configurations on pairs with truth, side by side."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
+
+import typer
+
+if TYPE_CHECKING:
+    from expert.evaluate import Case, ExpertConfiguration, FixedSystem, Store, Table
+    from expert.evaluate.ablation import RuleEffect
+    from expert.evaluate.systems import System
+
+Data = Annotated[
+    list[Path] | None,
+    typer.Argument(help="Folders of pairs with truth: an INDEX.json, Middlebury v3, ETH3D or KITTI layout"),
+]
+Range = Literal["given", "estimated", "both"]
+Profile = Literal["fast", "balanced", "best"]
+PROFILES: tuple[Profile, ...] = get_args(Profile)
+
+
+def evaluate(
+    data: Data = None,
+    split: Annotated[str | None, typer.Option(help="Only this split of an INDEX.json")] = None,
+    rendered: Annotated[int, typer.Option(help="Number of rendered terrains to add, seeds 0 onward")] = 0,
+    every: Annotated[int, typer.Option(help="Take every N-th pair only")] = 1,
+    variants: Annotated[
+        str, typer.Option(help="Distortions, comma separated, with strengths: clean,noise:0.5; reference means all ten")
+    ] = "reference",
+    seeds: Annotated[int, typer.Option(help="Seeds of the noise per case")] = 1,
+    profile: Annotated[list[str] | None, typer.Option(help="Profiles of terrex; all three if not given")] = None,
+    range_: Annotated[Range, typer.Option("--range", help="Whether terrex is told the disparities to search")] = "both",
+    rules: Annotated[list[Path] | None, typer.Option(help="Rule file layered on the shipped rules")] = None,
+    candidate: Annotated[
+        list[Path] | None,
+        typer.Option(help="Rule file that is one choice among several; gives cross-validated numbers"),
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="Fixed configurations to run; all if not given, none for none")
+    ] = None,
+    ablation: Annotated[
+        list[str] | None, typer.Option(help="Rule to leave out where it fired; `all` for every rule")
+    ] = None,
+    compare: Annotated[
+        tuple[Path, Path] | None, typer.Option(metavar="A B", help="Two rule files, compared pair by pair")
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Worker processes")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder of the results; a second run goes on where the first ended")] = Path(
+        "terrex-evaluation"
+    ),
+) -> None:
+    """Measure terrex and a grid of fixed configurations on pairs with truth."""
+    from expert.evaluate import Store, Table, fixed_grid
+    from expert.evaluate.page import as_html
+    from expert.evaluate.summary import as_text, summarise
+    from modules.formats._text import write_text
+
+    cases = _cases(data or [], split, rendered, every, variants, seeds)
+    store = Store(out / "results.sqlite")
+    layers = tuple(str(path) for path in rules or [])
+    if compare is not None:
+        typer.echo(_compared(compare, layers, cases, store, jobs), nl=False)
+        return
+    own = _own(profile or PROFILES, range_, layers)
+    picked = _candidates(candidate or [], layers)
+    systems: list[System] = [*own, *picked, *_chosen(fixed_grid(), only)]
+    _run(cases, systems, store, jobs)
+    table = Table.of(store.rows({system.name: system.digest() for system in systems}), [s.name for s in systems])
+    names = [own[0].name, *(item.name for item in picked)] if picked else []
+    summary = summarise(table, names)
+    effects = _ablated(ablation or [], own, cases, store, jobs)
+    write_text(out / "evaluation.html", as_html(summary, effects))
+    typer.echo(as_text(summary), nl=False)
+    if effects:
+        from expert.evaluate.ablation import effects_text
+
+        typer.echo("\n" + effects_text(effects), nl=False)
+    typer.echo(f"\nwritten to {out / 'evaluation.html'}")
+
+
+def _cases(
+    data: Sequence[Path], split: str | None, rendered: int, every: int, variants: str, seeds: int
+) -> tuple[Case, ...]:
+    from expert.cli.main import UsageError
+    from expert.evaluate import RenderedTerrain, expand, parse_variants
+    from modules.formats.datasets import list_pairs
+
+    if not data and not rendered:
+        raise UsageError("nothing to evaluate on: give folders of pairs with truth, or --rendered N")
+    for name, value in (("--every", every), ("--seeds", seeds)):
+        if value < 1:
+            raise UsageError(f"{name} {value} is below 1; give 1 or more")
+    sources = [entry for folder in data for entry in list_pairs(folder, split=split) if entry.truth is not None]
+    if data and not sources:
+        raise UsageError(f"no pair in {', '.join(map(str, data))} has a truth; give a data set with ground truth")
+    try:
+        distortions = parse_variants(part.strip() for part in variants.split(",") if part.strip())
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    return expand([*sources[::every], *map(RenderedTerrain, range(rendered))], distortions, range(seeds))
+
+
+def _own(profiles: Sequence[str], range_: Range, layers: tuple[str, ...]) -> list[ExpertConfiguration]:
+    from expert.cli.main import UsageError
+    from expert.evaluate import ExpertConfiguration
+
+    for name in profiles:
+        if name not in PROFILES:
+            raise UsageError(f"there is no profile {name!r}; known: {', '.join(PROFILES)}")
+    found = []
+    for profile in (name for name in PROFILES if name in profiles):
+        if range_ in ("given", "both"):
+            found.append(ExpertConfiguration(f"terrex {profile}", profile, layers))
+        if range_ in ("estimated", "both"):
+            found.append(ExpertConfiguration(f"terrex {profile}, range estimated", profile, layers, range="estimated"))
+    return found
+
+
+def _candidates(files: Sequence[Path], layers: tuple[str, ...]) -> list[ExpertConfiguration]:
+    from expert.evaluate import ExpertConfiguration
+
+    return [ExpertConfiguration(f"terrex with {path.stem}", "balanced", (*layers, str(path))) for path in files]
+
+
+def _chosen(grid: Mapping[str, FixedSystem], only: Sequence[str] | None) -> list[FixedSystem]:
+    from expert.cli.main import UsageError
+    from expert.rules.problem import suggest
+
+    if not only:
+        return list(grid.values())
+    names = [name for name in only if name != "none"]
+    for name in names:
+        if name not in grid:
+            hint = suggest(name, grid)
+            raise UsageError(f"there is no fixed configuration {name!r}; {hint or 'known: ' + ', '.join(grid)}")
+    return [grid[name] for name in names]
+
+
+def _run(cases: Sequence[Case], systems: Sequence[System], store: Store, jobs: int) -> None:
+    from expert.evaluate import evaluate as evaluate_all
+
+    with _bar() as progress:
+        report = evaluate_all(cases, systems, store, jobs=jobs, progress=progress)
+    for problem in report.problems:
+        typer.echo(f"left out: {problem}", err=True)
+    typer.echo(f"{report.run} results new, {report.kept} kept from before", err=True)
+
+
+def _compared(files: tuple[Path, Path], layers: tuple[str, ...], cases: Sequence[Case], store: Store, jobs: int) -> str:
+    from expert.evaluate import Table
+    from expert.evaluate.compare import compare
+
+    systems = _candidates(files, layers)
+    _run(cases, systems, store, jobs)
+    a, b = (system.name for system in systems)
+    table: Table = Table.of(store.rows({s.name: s.digest() for s in systems}), [a, b])
+    return compare(table, a, b).text()
+
+
+def _ablated(
+    wanted: Sequence[str], own: Sequence[ExpertConfiguration], cases: Sequence[Case], store: Store, jobs: int
+) -> tuple[RuleEffect, ...]:
+    from expert.cli.main import UsageError
+    from expert.evaluate.ablation import ablate
+    from expert.rules.problem import suggest
+
+    if not wanted:
+        return ()
+    system = next((item for item in own if item.profile == "balanced"), own[0])
+    known = system.system.rule_ids
+    for rule in wanted:
+        if rule not in known and rule != "all":
+            raise UsageError(f"there is no rule {rule!r}; {suggest(rule, known)}".rstrip("; "))
+    rules = known if "all" in wanted else tuple(wanted)
+    return ablate(system, rules, cases, store, jobs=jobs, progress=lambda rule: typer.echo(f"without {rule}", err=True))
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int], None]]:
+    """Show the progress on a terminal; stay quiet in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.progress import Progress
+
+    with Progress() as bar:
+        task = bar.add_task("cases", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

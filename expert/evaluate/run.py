@@ -1,0 +1,201 @@
+"""Run systems on cases: in parallel over the cases, resumable, every result written as soon as it is there."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from expert.decision import Decision
+from expert.evaluate.cases import Case
+from expert.evaluate.scores import score
+from expert.evaluate.store import Row, Store
+from expert.evaluate.systems import System
+from modules.formats.datasets import DatasetPair
+from modules.types import Views
+
+
+@dataclass(frozen=True)
+class Work:
+    """The cases of one source, and what is to be run on each: systems with their digests."""
+
+    items: tuple[tuple[Case, tuple[tuple[System, str], ...]], ...]
+    store: Path
+
+
+WARM_NDISP = 32
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What an evaluation did."""
+
+    run: int
+    kept: int
+    problems: tuple[str, ...]
+
+
+def evaluate(
+    cases: Sequence[Case],
+    systems: Sequence[System],
+    store: Store,
+    *,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> RunReport:
+    """Run every system on every case that the store does not have yet.
+
+    Parameters
+    ----------
+    cases, systems : sequences
+    store : Store
+        Results are committed case by case; an interrupted evaluation goes on where it was.
+    jobs : int
+        Worker processes, started by `spawn`; 1 runs in this process.
+    progress : callable
+        Called with the cases done and their number.
+
+    Returns
+    -------
+    RunReport
+        `problems` names the cases that could not be run at all; the others are unaffected.
+    """
+    digests = {system.name: system.digest() for system in systems}
+    fresh = [replace(system) for system in systems]  # type: ignore[type-var]  # without what `digest` has built
+    done = store.done()
+    work: dict[str, list[tuple[Case, tuple[tuple[System, str], ...]]]] = {}
+    for case in cases:
+        todo = tuple((s, digests[s.name]) for s in fresh if (case.key, s.name, digests[s.name]) not in done)
+        if todo:
+            work.setdefault(case.source.name, []).append((case, todo))
+    parts = [Work(tuple(items), store.path) for items in work.values()]
+    planned = sum(len(todo) for part in parts for _, todo in part.items)
+    total = sum(len(part.items) for part in parts)
+    problems: list[str] = []
+    finished = 0
+    for part, found in _each(parts, jobs):
+        problems += found
+        finished += len(part.items)
+        progress(finished, total)
+    return RunReport(planned, len(cases) * len(systems) - planned, tuple(problems))
+
+
+def _each(parts: Sequence[Work], jobs: int) -> Iterator[tuple[Work, list[str]]]:
+    if jobs <= 1:
+        for part in parts:
+            yield part, run_part(part)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = {pool.submit(run_part, part): part for part in parts}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def run_part(part: Work) -> list[str]:
+    """Run the cases of one source and write each to the store; return what could not be run.
+
+    A case that cannot be read or scored is a problem, not an end.
+    """
+    store = Store(part.store)
+    problems: list[str] = []
+    warm({system.name: system for _, todo in part.items for system, _ in todo}.values())
+    pair: DatasetPair | None = None
+    for case, todo in part.items:
+        try:
+            pair = pair or case.source.load()
+            views = case.distort(pair.views)
+            rows = [measure(case, pair, views, system, digest) for system, digest in todo]
+        except (OSError, ValueError) as error:
+            problems.append(f"{case.key}: {error}")
+        else:
+            store.add(rows)
+    return problems
+
+
+def warm(systems: Iterable[System]) -> None:
+    """Run each system once on a small pair, so that compiling and loading are not measured."""
+    draw = np.random.default_rng(0)
+    coarse = draw.integers(0, 255, (48, 64, 3), np.uint8)
+    image = np.asarray(cv2.resize(coarse, (192, 144), interpolation=cv2.INTER_CUBIC), np.uint8)
+    views = Views(image, np.roll(image, -4, axis=1))
+    for system in systems:
+        system.run(views, WARM_NDISP)
+
+
+def measure(case: Case, pair: DatasetPair, views: Views, system: System, digest: str) -> Row:
+    """Run one system on one case and score it.
+
+    Raises
+    ------
+    ValueError
+        The pair has no truth.
+    """
+    if pair.truth_px is None or pair.scored is None:
+        raise ValueError(f"{pair.name} has no truth; leave it out")
+    before = _memory_mb("VmRSS") if _reset_peak() else None
+    cpu, wall = time.process_time(), time.perf_counter()
+    outcome = system.run(views, pair.ndisp)
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    peak = _memory_mb("VmHWM") if before is not None else None
+    row = Row(
+        case=case.key,
+        pair=pair.name,
+        scene=pair.group,
+        variant=str(case.variant),
+        differs=pair.differs,
+        system=system.name,
+        kind=system.kind,
+        digest=digest,
+        **asdict(score(outcome.disparity_px, pair.truth_px, pair.scored)),
+        cpu_s=cpu,
+        wall_s=wall,
+        peak_mb=None if peak is None or before is None else peak - before,
+        failure=outcome.failure,
+    )
+    return row if outcome.decision is None else _explained(row, outcome.decision)
+
+
+def _explained(row: Row, decision: Decision) -> Row:
+    """Add what the decision says, for the cost of each part, for ablation and for the regret list."""
+    return replace(
+        row,
+        rules=decision.rules_fired,
+        plan=tuple(f"{step.operator} by {step.chosen_by or 'default'}" for step in decision.steps()),
+        findings=tuple(item.name for item in decision.findings),
+        shares=_shares(decision),
+    )
+
+
+def _shares(decision: Decision) -> dict[str, float]:
+    """Return the share of the time of facts, inference and operators."""
+    total = sum(decision.timings_s.values()) or 1.0
+    shares = {"facts": 0.0, "inference": 0.0, "operators": 0.0}
+    for name, seconds in decision.timings_s.items():
+        kind = "inference" if name == "inference" else "facts" if name.startswith("measurement.") else "operators"
+        shares[kind] += seconds / total
+    return shares
+
+
+def _reset_peak() -> bool:
+    """Make the peak of the memory start anew; False where the platform cannot."""
+    try:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except OSError:
+        return False
+    return True
+
+
+def _memory_mb(name: str) -> float | None:
+    try:
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith(name):
+                return int(line.split()[1]) / 1024.0
+    except OSError:
+        pass
+    return None
