@@ -14,7 +14,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property bench bench-accuracy bench-inference mutation schema fmt lock wheel clean
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-inference mutation schema fmt lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -51,6 +51,9 @@ doctest: $(STAMP)  ## Run the examples in the docstrings
 
 property: $(STAMP)  ## Run the property tests with many more examples, drawn anew
 	@HYPOTHESIS_PROFILE=thorough $(BIN)/pytest -n $(JOBS) --no-header -m hypothesis
+
+property-engines: $(STAMP)  ## Compare experta, compiled and CLIPS on 20 000 random rule bases, and the literal semantics on half as many
+	@TERREX_CASES=20000 HYPOTHESIS_PROFILE=thorough $(BIN)/pytest -s --no-header tests/expert/engine/test_agreement.py
 
 bench: $(STAMP)  ## Measure accuracy and the share of time per pair, and the elevation error on rendered terrain
 	@$(BIN)/python -m benchmarks

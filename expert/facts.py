@@ -7,12 +7,13 @@ not depend on the last bits of a measurement.
 
 from __future__ import annotations
 
+import math
 import types
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, ClassVar, Literal
+from functools import cache, cached_property
+from typing import Any, ClassVar, Literal, TypeGuard
 
 from modules.probe import FactModel, Probe, quantity
 
@@ -105,25 +106,76 @@ OWN_TEMPLATES: tuple[type[FactModel], ...] = (
 )
 
 
+def finite(value: Any) -> Scalar | None:
+    """Return a value that a field can hold; None for NaN, infinity and what is no scalar.
+
+    Examples
+    --------
+    >>> finite(2.5), finite(float("nan")), finite(None)
+    (2.5, None, None)
+    """
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, bool | int | str) else None
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Say whether a value is a number; a boolean is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _scalar_key(value: Scalar) -> tuple[int, Any, str]:
+    if isinstance(value, str):
+        return 2, value, "str"
+    if value != value:
+        return 3, 0.0, "nan"
+    return (0, value, "bool") if isinstance(value, bool) else (1, value, type(value).__name__)
+
+
 @dataclass(frozen=True, order=True)
 class Fact:
-    """One fact as the engines see it: a template name and its present fields, sorted by name."""
+    """One fact as the engines see it: a template name and its present fields, sorted by name.
+
+    What inference asks of a fact again and again is computed once and kept with it.
+    """
 
     template: str
     fields: tuple[tuple[str, Scalar], ...]
 
     @classmethod
     def of(cls, template: str, **fields: Scalar | None) -> Fact:
-        """Build a fact; None means absent."""
-        present = sorted((name, value) for name, value in fields.items() if value is not None)
-        return cls(template, tuple(present))
+        """Build a fact; None, NaN and infinity mean absent."""
+        present = sorted((name, value) for name, value in fields.items() if finite(value) is not None)
+        return cls(template, tuple(present))  # type: ignore[arg-type]
+
+    @cached_property
+    def values(self) -> Mapping[str, Scalar]:
+        """The fields that have a value; NaN and infinity are none."""
+        return {name: value for name, value in self.fields if finite(value) is not None}
+
+    @cached_property
+    def numbers(self) -> Mapping[str, float]:
+        """The fields that hold a finite number; a boolean is none."""
+        return {name: value for name, value in self.values.items() if is_number(value)}
+
+    @cached_property
+    def key(self) -> tuple[Any, ...]:
+        """A key that orders facts totally, values of different kinds included."""
+        return self.template, tuple((name, *_scalar_key(value)) for name, value in self.fields)
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.template, self.fields))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Fact, (self.template, self.fields)  # texts have other hashes in another process
 
     def get(self, field: str) -> Scalar | None:
         """Return a field's value, or None where it is absent."""
-        for name, value in self.fields:
-            if name == field:
-                return value
-        return None
+        return self.values.get(field)
 
     def as_dict(self) -> dict[str, Scalar]:
         """Return the present fields."""

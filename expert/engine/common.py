@@ -1,34 +1,49 @@
-"""What both engines share: the canonical order of facts and firings, and the cap on firings."""
+"""What both engines share: the canonical order of facts and firings, conclusions, and the cap on firings."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from operator import attrgetter
 
-from expert.facts import Fact, Scalar
-from expert.firing import Firing, Firings, RunawayRuleBase
+from expert.facts import Fact
+from expert.firing import Firing, Firings, ResolvedAction, RunawayRuleBase
+from expert.rules.evaluate import Bindings, Evaluator, operand_aliases
+from expert.rules.model import AnyOf, Comparison, Condition, Exists, ForAll, Not, Rule
+from expert.rules.strata import conditions_of
 
-
-def _scalar_key(value: Scalar) -> tuple[int, Any, str]:
-    if isinstance(value, bool):
-        return 0, value, "bool"
-    return (2, value, "str") if isinstance(value, str) else (1, value, type(value).__name__)
-
-
-def fact_key(fact: Fact) -> tuple[Any, ...]:
-    """Return a key that orders facts totally, values of different kinds included."""
-    return fact.template, tuple((name, _scalar_key(value)) for name, value in fact.fields)
+Bound = tuple[tuple[str, Fact], ...]  # the bindings of a firing, sorted by alias
 
 
 def canonical_facts(facts: Iterable[Fact]) -> tuple[Fact, ...]:
     """Sort facts and leave out repetitions, independently of the order in which they are given."""
-    return tuple(dict.fromkeys(sorted(facts, key=fact_key)))
+    return tuple(dict.fromkeys(sorted(facts, key=attrgetter("key"))))
 
 
-def bindings_key(bindings: Iterable[tuple[str, Fact]]) -> tuple[Any, ...]:
-    """Return a key that orders bindings totally."""
-    return tuple((alias, fact_key(fact)) for alias, fact in bindings)
+def conclusions(rule: Rule, evaluator: Evaluator) -> Callable[[Bindings], tuple[ResolvedAction, ...]]:
+    """Return the actions of a rule as a function of its bindings, evaluated only once where they need none."""
+    fixed = evaluator.actions(rule.then, {})
+    if len(fixed) == len(rule.then):
+        return lambda _: fixed
+    return partial(evaluator.actions, rule.then)
+
+
+def mentioned(conditions: Sequence[Condition]) -> frozenset[str]:
+    """Return every alias that conditions speak of, at any depth."""
+    found: frozenset[str] = frozenset()
+    for condition in conditions:
+        if isinstance(condition, Comparison):
+            found |= {condition.name} | operand_aliases(condition.value)
+        elif isinstance(condition, Not):
+            found |= mentioned(conditions_of(condition.not_))
+        elif isinstance(condition, Exists):
+            found |= mentioned(conditions_of(condition.exists))
+        elif isinstance(condition, AnyOf):
+            found = found.union(*(mentioned(conditions_of(branch)) for branch in condition.any_of))
+        elif isinstance(condition, ForAll):
+            found |= mentioned(condition.for_all.where) | mentioned(condition.for_all.then)
+    return found
 
 
 class Record:
@@ -42,9 +57,9 @@ class Record:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._firings: dict[tuple[str, tuple[tuple[str, Fact], ...]], Firing] = {}
+        self._firings: dict[tuple[str, Bound], Firing] = {}
 
-    def knows(self, rule: str, bindings: tuple[tuple[str, Fact], ...]) -> bool:
+    def knows(self, rule: str, bindings: Bound) -> bool:
         """Say whether a rule has fired with these bindings."""
         return (rule, bindings) in self._firings
 
@@ -66,5 +81,8 @@ class Record:
 
     def finish(self, facts: Iterable[Fact]) -> Firings:
         """Return the firings in canonical order."""
-        ordered = sorted(self._firings.values(), key=lambda firing: (firing.rule, bindings_key(firing.bindings)))
-        return Firings(tuple(ordered), frozenset(facts))
+        return Firings(tuple(sorted(self._firings.values(), key=_firing_key)), frozenset(facts))
+
+
+def _firing_key(firing: Firing) -> tuple[object, ...]:
+    return firing.rule, tuple((alias, fact.key) for alias, fact in firing.bindings)

@@ -1,7 +1,7 @@
 """The compiled engine: every rule becomes closures, layers of rules are run to their fixpoint one after another.
 
-It follows the semantics in `expert.rules.model` literally, without any lowering, and so serves as the reference that
-the other engine is compared with.
+What a single fact has to fulfil is evaluated once per fact and shared by all rules that ask it; a rule is passed over
+as soon as no fact fulfils it for one of its aliases.
 """
 
 from __future__ import annotations
@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from threading import Lock
 
+from expert.engine.alpha import Alpha, Alphas
 from expert.engine.cache import ProgramCache
-from expert.engine.common import Record, canonical_facts
+from expert.engine.common import Record, canonical_facts, conclusions, mentioned
+from expert.engine.gates import Gates
 from expert.facts import Fact, Vocabulary
-from expert.firing import MAX_FIRINGS, Firing, Firings
+from expert.firing import MAX_FIRINGS, Firing, Firings, ResolvedAction
 from expert.rules.evaluate import Bindings, Evaluator, finding_of, matches_finding, operand_aliases
 from expert.rules.model import (
     AnyOf,
@@ -30,9 +33,49 @@ from expert.rules.model import (
 )
 from expert.rules.strata import EVERY_FINDING, conditions_of, stratify, uses
 
-Store = dict[str, list[Fact]]
-Check = Callable[[Bindings], bool]
-Test = Callable[[dict[str, Fact], Store], bool]
+
+class Memory:
+    """The facts of one inference, and which of them each alpha condition admits, found out when first asked.
+
+    Parameters
+    ----------
+    facts : iterable of Fact
+        In canonical order.
+    alphas : int
+        Number of alpha conditions of the program.
+    """
+
+    def __init__(self, facts: Iterable[Fact], alphas: int) -> None:
+        self.facts = dict.fromkeys(facts)
+        self.by_template: dict[str, list[Fact]] = {}
+        self._admitted: list[list[Fact] | None] = [None] * alphas
+        for fact in self.facts:
+            self.by_template.setdefault(fact.template, []).append(fact)
+
+    def add(self, finding: Fact) -> bool:
+        """Add a finding; say whether it is new."""
+        if finding in self.facts:
+            return False
+        self.facts[finding] = None
+        self.by_template.setdefault("finding", []).append(finding)
+        return True
+
+    def admitted(self, alpha: Alpha) -> Sequence[Fact]:
+        """Return the facts that fulfil an alpha condition."""
+        found = self._admitted[alpha.index]
+        if found is None:
+            found = [fact for fact in self.by_template.get(alpha.template, ()) if alpha.admits(fact)]
+            if alpha.template != "finding":  # inference adds findings
+                self._admitted[alpha.index] = found
+        return found
+
+    @property
+    def findings(self) -> Sequence[Fact]:
+        """The findings so far."""
+        return self.by_template.get("finding", ())
+
+
+Test = Callable[[dict[str, Fact], Memory], bool]
 
 
 class Conjunction:
@@ -44,91 +87,115 @@ class Conjunction:
         The conditions.
     outer : frozenset of str
         Aliases that are bound around them.
+    alphas : Alphas
+        The alpha conditions of the program.
     evaluator : Evaluator
-        Evaluates the comparisons.
+        Evaluates the joins.
     """
 
-    def __init__(self, conditions: Sequence[Condition], outer: frozenset[str], evaluator: Evaluator) -> None:
+    def __init__(
+        self, conditions: Sequence[Condition], outer: frozenset[str], alphas: Alphas, evaluator: Evaluator
+    ) -> None:
         comparisons = [condition for condition in conditions if isinstance(condition, Comparison)]
-        templates: dict[str, str] = {}
-        for comparison in comparisons:
-            if comparison.name not in outer:
-                templates.setdefault(comparison.name, comparison.fact)
-        self._aliases = tuple(templates.items())
-        scope = outer | templates.keys()
-        bound = outer
-        pending = [(comparison, _needs(comparison) & scope) for comparison in comparisons]
-        self._checks: list[tuple[Check, ...]] = []
-        for alias in (None, *templates):
-            bound = bound if alias is None else bound | {alias}
-            ready = [comparison for comparison, needs in pending if needs <= bound]
-            pending = [(comparison, needs) for comparison, needs in pending if not needs <= bound]
-            self._checks.append(tuple(evaluator.test(comparison) for comparison in ready))
-        self._tests = tuple(
-            _test(condition, scope, evaluator) for condition in conditions if not isinstance(condition, Comparison)
-        )
+        names = tuple(dict.fromkeys(item.name for item in comparisons if item.name not in outer))
+        scope = outer | frozenset(names)
+        alone = [item for item in comparisons if item.name not in outer and _needs(item) & scope == {item.name}]
+        self.aliases = tuple((name, _alpha(name, comparisons, alone, alphas)) for name in names)
+        joins = [item for item in comparisons if item not in alone]
+        tests = [item for item in conditions if not isinstance(item, Comparison)]
+        closed = [item for item in tests if not mentioned([item]) & scope]
+        self.closed = tuple(_test(item, scope, alphas, evaluator) for item in closed)
+        self._open = tuple(_test(item, scope, alphas, evaluator) for item in tests if item not in closed)
+        self._joins = _by_level(joins, names, outer, evaluator)
 
-    def solutions(self, bindings: Mapping[str, Fact], store: Store) -> Iterator[dict[str, Fact]]:
+    def possible(self, memory: Memory) -> bool:
+        """Say whether some fact may be bound to every alias, and the tests hold that speak of none."""
+        for _, alpha in self.aliases:
+            if not memory.admitted(alpha):
+                return False
+        return all(test({}, memory) for test in self.closed)
+
+    def solutions(self, bindings: Mapping[str, Fact], memory: Memory) -> Iterator[dict[str, Fact]]:
         """Yield every extension of the bindings that satisfies the conditions."""
         found = dict(bindings)
-        for check in self._checks[0]:
-            if not check(found):
-                return
-        yield from self._extend(found, store, 0)
+        if self.possible(memory) and all(check(found) for check in self._joins[0]):
+            yield from self._extend(found, memory, 0)
 
-    def _extend(self, found: dict[str, Fact], store: Store, level: int) -> Iterator[dict[str, Fact]]:
+    def _extend(self, found: dict[str, Fact], memory: Memory, level: int) -> Iterator[dict[str, Fact]]:
         """Bind the aliases from one on; `found` is changed on the way and copied where it is yielded."""
-        if level == len(self._aliases):
-            for test in self._tests:
-                if not test(found, store):
-                    return
-            yield found.copy()
+        if level == len(self.aliases):
+            if all(test(found, memory) for test in self._open):
+                yield found.copy()
             return
-        alias, template = self._aliases[level]
-        checks = self._checks[level + 1]
-        for fact in store.get(template, ()):
+        alias, alpha = self.aliases[level]
+        joins = self._joins[level + 1]
+        for fact in memory.admitted(alpha):
             found[alias] = fact
-            for check in checks:
-                if not check(found):
+            for join in joins:
+                if not join(found):
                     break
             else:
-                yield from self._extend(found, store, level + 1)
+                yield from self._extend(found, memory, level + 1)
 
-    def holds(self, bindings: dict[str, Fact], store: Store) -> bool:
+    def holds(self, bindings: dict[str, Fact], memory: Memory) -> bool:
         """Say whether some extension of the bindings satisfies the conditions."""
-        return next(self.solutions(bindings, store), None) is not None
+        if not self._open and not any(self._joins):
+            return self.possible(memory)
+        return next(self.solutions(bindings, memory), None) is not None
+
+
+def _alpha(name: str, comparisons: Sequence[Comparison], alone: Sequence[Comparison], alphas: Alphas) -> Alpha:
+    template = next(item.fact for item in comparisons if item.name == name)
+    return alphas.of(template, [item for item in alone if item.name == name])
+
+
+def _by_level(
+    joins: Sequence[Comparison], names: Sequence[str], outer: frozenset[str], evaluator: Evaluator
+) -> tuple[tuple[Callable[[Bindings], bool], ...], ...]:
+    """Return the joins to check before any alias is bound, and after each of them."""
+    scope, bound, pending, levels = outer | frozenset(names), outer, list(joins), []
+    for name in (None, *names):
+        bound = bound if name is None else bound | {name}
+        ready = [item for item in pending if _needs(item) & scope <= bound]
+        pending = [item for item in pending if item not in ready]
+        levels.append(tuple(partial(evaluator.comparison, item) for item in ready))
+    return tuple(levels)
 
 
 def _needs(comparison: Comparison) -> frozenset[str]:
     return operand_aliases(comparison.value) | {comparison.name}
 
 
-def _test(condition: Condition, scope: frozenset[str], evaluator: Evaluator) -> Test:
+def _test(condition: Condition, scope: frozenset[str], alphas: Alphas, evaluator: Evaluator) -> Test:
+    def conjunction(conditions: Sequence[Condition], bound: frozenset[str] = scope) -> Conjunction:
+        return Conjunction(conditions, bound, alphas, evaluator)
+
     if isinstance(condition, FindingCondition):
         wanted = condition
-        return lambda _, store: any(matches_finding(wanted, fact) for fact in store.get("finding", ()))
+        return lambda _, memory: any(matches_finding(wanted, fact) for fact in memory.findings)
     if isinstance(condition, Not):
-        inside = Conjunction(conditions_of(condition.not_), scope, evaluator)
-        return lambda bindings, store: not inside.holds(bindings, store)
+        inside = conjunction(conditions_of(condition.not_))
+        return lambda bindings, memory: not inside.holds(bindings, memory)
     if isinstance(condition, Exists):
-        return Conjunction(conditions_of(condition.exists), scope, evaluator).holds
+        return conjunction(conditions_of(condition.exists)).holds
     if isinstance(condition, AnyOf):
-        branches = [Conjunction(conditions_of(branch), scope, evaluator) for branch in condition.any_of]
-        return lambda bindings, store: any(branch.holds(bindings, store) for branch in branches)
+        branches = [conjunction(conditions_of(branch)) for branch in condition.any_of]
+        return lambda bindings, memory: any(branch.holds(bindings, memory) for branch in branches)
     if isinstance(condition, ForAll):
-        where = Conjunction(condition.for_all.where, scope, evaluator)
+        where = conjunction(condition.for_all.where)
         named = frozenset(item.name for item in condition.for_all.where if isinstance(item, Comparison))
-        then = Conjunction(condition.for_all.then, scope | named, evaluator)
-        return lambda bindings, store: all(then.holds(found, store) for found in where.solutions(bindings, store))
+        then = conjunction(condition.for_all.then, scope | named)
+        return lambda bindings, memory: all(then.holds(each, memory) for each in where.solutions(bindings, memory))
     raise TypeError(f"{type(condition).__name__} is no test on bindings")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompiledRule:
     """A rule, its closures, and the findings it asserts."""
 
-    rule: Rule
+    id: str
     when: Conjunction
+    conclude: Callable[[Bindings], tuple[ResolvedAction, ...]]
     findings: tuple[Fact, ...]
 
 
@@ -137,6 +204,7 @@ class Layer:
     """Rules that are run to their fixpoint together, and which of them each finding makes worth trying again."""
 
     rules: tuple[CompiledRule, ...]
+    gates: Gates
     users: Mapping[str, tuple[CompiledRule, ...]]
 
 
@@ -145,29 +213,32 @@ class Program:
     """The compiled rules of one stage, in layers."""
 
     layers: tuple[Layer, ...]
-    evaluator: Evaluator
+    alphas: int
 
 
 def compile_stage(rules: RuleBase, stage: Stage, vocabulary: Vocabulary) -> Program:
     """Compile the rules of one stage."""
     evaluator = Evaluator(vocabulary, rules.thresholds)
+    alphas = Alphas(evaluator)
 
     def compile_rule(rule: Rule) -> CompiledRule:
         return CompiledRule(
-            rule,
-            Conjunction(rule.when, frozenset(), evaluator),
+            rule.id,
+            Conjunction(rule.when, frozenset(), alphas, evaluator),
+            conclusions(rule, evaluator),
             tuple(fact for fact in map(finding_of, rule.then) if fact is not None),
         )
 
     def compile_layer(members: Sequence[Rule]) -> Layer:
         compiled = tuple(compile_rule(rule) for rule in members)
         users: dict[str, list[CompiledRule]] = {}
-        for item in compiled:
-            for name in sorted({use.name for use in uses(item.rule.when)}):
+        for rule, item in zip(members, compiled, strict=True):
+            for name in sorted({use.name for use in uses(rule.when)}):
                 users.setdefault(name, []).append(item)
-        return Layer(compiled, {name: tuple(items) for name, items in users.items()})
+        return Layer(compiled, Gates(members, evaluator), {name: tuple(items) for name, items in users.items()})
 
-    return Program(tuple(map(compile_layer, stratify(rules.of_stage(stage)))), evaluator)
+    layers = tuple(map(compile_layer, stratify(rules.of_stage(stage))))
+    return Program(layers, len(alphas))
 
 
 class CompiledEngine:
@@ -201,36 +272,42 @@ class CompiledEngine:
         """
         with self._lock:
             program = self._programs.get(rules, stage, lambda: compile_stage(rules, stage, self._vocabulary))
-        store: Store = {}
-        known = dict.fromkeys(canonical_facts(facts))
-        for fact in known:
-            store.setdefault(fact.template, []).append(fact)
+        memory = Memory(canonical_facts(facts), program.alphas)
         record = Record(self._max_firings)
         for layer in program.layers:
-            _run(layer, program.evaluator, known, store, record)
-        return record.finish(known)
+            _run(layer, memory, record)
+        return record.finish(memory.facts)
 
 
-def _run(layer: Layer, evaluator: Evaluator, known: dict[Fact, None], store: Store, record: Record) -> None:
+def _candidates(layer: Layer, memory: Memory) -> Iterator[CompiledRule]:
+    """Yield the rules that may fire on the facts there are."""
+    passed = layer.gates.open(memory.by_template)
+    for rule, passes in zip(layer.rules, layer.gates.passes, strict=True):
+        for gate, rank in passes:
+            if rank >= passed[gate]:
+                break
+        else:
+            if rule.when.possible(memory):
+                yield rule
+
+
+def _run(layer: Layer, memory: Memory, record: Record) -> None:
     """Run one layer to its fixpoint."""
-    waiting = deque(layer.rules)
-    queued = {item.rule.id for item in layer.rules}
-    while waiting:
-        item = waiting.popleft()
-        queued.discard(item.rule.id)
+    again = deque(_candidates(layer, memory))
+    queued = set(again)
+    while again:
+        rule = again.popleft()
+        queued.discard(rule)
         fired = False
-        for bindings in item.when.solutions({}, store):
+        for bindings in rule.when.solutions({}, memory):
             fired = True
-            key = tuple(sorted(bindings.items(), key=lambda pair: pair[0]))
-            if not record.knows(item.rule.id, key):
-                record.add(Firing(item.rule.id, key, evaluator.actions(item.rule.then, bindings)))
-        for fact in item.findings if fired else ():
-            if fact in known:
-                continue
-            known[fact] = None
-            store.setdefault("finding", []).append(fact)
-            for name in (EVERY_FINDING, str(fact.get("name"))):
-                for other in layer.users.get(name, ()):
-                    if other.rule.id not in queued:
-                        queued.add(other.rule.id)
-                        waiting.append(other)
+            key = tuple(sorted(bindings.items())) if len(bindings) > 1 else tuple(bindings.items())
+            if not record.knows(rule.id, key):
+                record.add(Firing(rule.id, key, rule.conclude(bindings)))
+        for finding in rule.findings if fired else ():
+            if memory.add(finding):
+                for name in (EVERY_FINDING, str(finding.get("name"))):
+                    for other in layer.users.get(name, ()):
+                        if other not in queued:
+                            queued.add(other)
+                            again.append(other)

@@ -2,7 +2,11 @@
 
 Of the library only what is reliable is used: positive patterns, equality of variables, tests after the patterns and
 negation of single patterns. The agenda is ordered totally and activations are withdrawn exactly, so that the same facts
-fire the same productions in the same order every time.
+fire the same productions in the same order every time. Nothing is ever retracted.
+
+The library spends most of its time on what these networks do not need: it shows every fact to every pattern, checks
+declared facts for patterns inside, and searches all rules for activations after every change. The subclasses here
+leave that out and change nothing of how tokens are joined and negated.
 """
 
 from __future__ import annotations
@@ -13,8 +17,9 @@ from inspect import Parameter, Signature
 from threading import Lock
 from typing import Any
 
+from expert.engine.alpha import Alpha
 from expert.engine.cache import ProgramCache
-from expert.engine.common import Record, canonical_facts
+from expert.engine.common import Record, canonical_facts, conclusions
 from expert.engine.lowering import Join, Pattern, Production, lower
 from expert.engine.shim import importable
 from expert.facts import Fact, Vocabulary
@@ -25,7 +30,15 @@ from expert.rules.model import Rule, RuleBase, Stage
 with importable():
     import experta
     from experta.abstract import Strategy
+    from experta.agenda import Agenda
+    from experta.factlist import FactList
     from experta.matchers import ReteMatcher
+    from experta.matchers.rete.mixins import AnyChild, ChildNode, NoMemory
+    from experta.matchers.rete.nodes import ConflictSetNode, OneInputNode
+    from experta.matchers.rete.token import Token
+
+Kind = str | int  # of an item: the template of a fact, or the number of a helper
+INITIAL: Kind = "initial-fact"  # no template: these have no hyphen
 
 
 class Row:
@@ -38,8 +51,95 @@ class Row:
         self.serial = serial
 
 
+class Item(experta.Fact):
+    """A fact or a helper in the working memory: its kind, and the rows it speaks of. Compared by identity."""
+
+    def __init__(self, kind: Kind, rows: tuple[Row, ...]) -> None:
+        dict.__init__(self)
+        self.kind, self.rows = kind, rows
+
+    __hash__ = object.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+
+class Wanted(experta.Fact):
+    """A pattern: the kind of item, what its fact has to fulfil, and the variables that take its rows."""
+
+    def __init__(self, kind: Kind, variables: tuple[str, ...], alpha: Alpha | None = None) -> None:
+        dict.__init__(self)
+        self.kind, self.variables, self.alpha = kind, variables, alpha
+
+    __hash__ = object.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+
+class Lhs(experta.Rule):
+    """A production of the library, compared by identity; by value, every activation would compare all patterns."""
+
+    __hash__ = object.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+
+class Entry(Token):
+    """A token that enters the network; it is known to be sound and therefore copied without being checked again."""
+
+    __slots__ = ()
+
+    def __new__(cls, tag: Any, data: set[Any], context: dict[str, Row]) -> Entry:
+        """Take the parts as they are."""
+        return tuple.__new__(cls, (tag, data, context))
+
+    def copy(self) -> Entry:
+        """Return a token that its receiver may change."""
+        return Entry(self.tag, self.data.copy(), self.context.copy())
+
+
+class Admission(AnyChild, NoMemory, OneInputNode):
+    """The node of a pattern: admits items, and gives their rows to the variables of the pattern."""
+
+    def __init__(self, wanted: Wanted) -> None:
+        self._alpha, self._variables = wanted.alpha, wanted.variables
+        super().__init__()
+
+    def offer(self, item: Item) -> None:
+        """Pass an item on if the pattern admits it."""
+        if self._alpha is None or self._alpha.admits(item.rows[0].fact):
+            token = Entry(Token.TagType.VALID, {item}, dict(zip(self._variables, item.rows, strict=False)))
+            for child in self.children:
+                child.callback(token)
+
+    def _activate(self, token: Any) -> None:
+        raise NotImplementedError("items are offered, tokens are not passed to it")
+
+
+class Memory(FactList):
+    """The working memory; every item once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: set[tuple[Any, ...]] = set()
+
+    def declare(self, item: Item) -> Item | None:
+        """Add an item unless there is one of its kind with the same rows."""
+        identity = item.kind, item.rows
+        if identity in self._known:
+            return None
+        self._known.add(identity)
+        item.__factid__ = self.last_index
+        self[self.last_index] = item
+        self.last_index += 1
+        self.added.append(item)
+        return item
+
+
 class TotalOrder(Strategy):
-    """Agenda order by salience, production, bindings and facts; the last activation is the next to run."""
+    """Agenda order by salience, production and rows; the last activation is the next to run."""
 
     def _update_agenda(self, agenda: Any, added: Sequence[Any], removed: Sequence[Any]) -> None:
         for activation in removed:
@@ -51,25 +151,87 @@ class TotalOrder(Strategy):
             activation.key = _agenda_key(activation)
             agenda.activations.append(activation)
         if added:
-            agenda.activations.sort(key=lambda activation: activation.key)
+            agenda.activations.sort(key=_key_of)
+
+
+def _key_of(activation: Any) -> tuple[Any, ...]:
+    key: tuple[Any, ...] = activation.key
+    return key
 
 
 def _agenda_key(activation: Any) -> tuple[Any, ...]:
-    rule = activation.rule
-    rows = tuple((name, -value.serial) for name, value in sorted(activation.context.items()) if isinstance(value, Row))
-    facts = tuple(sorted(-fact["__factid__"] for fact in activation.facts))
-    return rule.salience, -rule.order, rows, facts
+    """Return a key that tells all activations apart: the helpers of a production are determined by its rows."""
+    rule, context = activation.rule, activation.context
+    return rule.salience, -rule.order, *(-context[name].serial for name in rule.variables)
 
 
 class QuietMatcher(ReteMatcher):
-    """The RETE matcher, which does not search all rules for changes when no fact has changed."""
+    """The RETE matcher with one node per distinct pattern, found by kind, that only visits rules that changed."""
+
+    @staticmethod
+    def prepare_ruleset(engine: Any) -> list[Any]:
+        """Return the productions, which are in normal form already."""
+        rules: list[Any] = engine.get_rules()
+        return rules
+
+    def build_alpha_part(self, ruleset: Iterable[Any], root_node: Any) -> dict[Any, Admission]:
+        """Return the node of every pattern; equal patterns have one node."""
+        self._by_kind: dict[Kind, list[Admission]] = {}
+        nodes: dict[tuple[Any, ...], Admission] = {}
+        terminals = {}
+        for rule in ruleset:
+            for wanted in rule.patterns:
+                key = wanted.kind, wanted.variables, wanted.alpha
+                if key not in nodes:
+                    nodes[key] = Admission(wanted)
+                    self._by_kind.setdefault(wanted.kind, []).append(nodes[key])
+                    root_node.add_child(nodes[key], nodes[key].offer)
+                terminals[wanted] = nodes[key]
+        return terminals
+
+    def build_beta_part(self, ruleset: Iterable[Any], alpha_terminals: Mapping[Any, Admission]) -> None:
+        """Wire the joins; note which rules have changed, and which nodes have a memory."""
+        super().build_beta_part(ruleset, alpha_terminals)
+        self._changed: dict[Any, None] = {}
+        self._nodes: dict[Any, None] = {}
+        waiting = [self.root_node]
+        while waiting:
+            node = waiting.pop()
+            if node in self._nodes:
+                continue
+            self._nodes[node] = None
+            for index, child in enumerate(node.children):
+                waiting.append(child.node)
+                if isinstance(child.node, ConflictSetNode):
+                    node.children[index] = ChildNode(child.node, self._noting(child.node))
+
+    def _noting(self, node: Any) -> Callable[[Any], None]:
+        def activate(token: Any) -> None:
+            self._changed[node] = None
+            node.activate(token)
+
+        return activate
+
+    def reset(self) -> None:
+        """Empty every memory, each once."""
+        self._changed.clear()
+        for node in self._nodes:
+            node._reset()
+            if isinstance(node, ConflictSetNode):
+                node.get_activations()
 
     def changes(self, adding: Any = None, deleting: Any = None) -> tuple[list[Any], list[Any]]:
-        """Pass changes of facts through the network and return the activations added and removed."""
-        if not adding and not deleting:
-            return [], []
-        changed: tuple[list[Any], list[Any]] = super().changes(adding, deleting)
-        return changed
+        """Pass new items through the network and return the activations added and removed."""
+        for item in adding or ():
+            for node in self._by_kind.get(item.kind, ()):
+                node.offer(item)
+        added: list[Any] = []
+        removed: list[Any] = []
+        for node in self._changed:
+            for total, part in zip((added, removed), node.get_activations(), strict=True):
+                total.extend(part)
+        self._changed.clear()
+        return added, removed
 
 
 class Network(experta.KnowledgeEngine):
@@ -88,10 +250,13 @@ class Network(experta.KnowledgeEngine):
 
     def __init__(self, productions: Sequence[Production], evaluator: Evaluator) -> None:
         self._evaluator = evaluator
-        self._helper_class: type[Any] = type("Helper", (experta.Fact,), {})
-        self._classes: dict[str, type[Any]] = {}
-        self._built = [self._build(order, production) for order, production in enumerate(productions)]
-        self._deffacts = list(super().get_deffacts())
+        self._at_once: dict[str, list[tuple[Alpha, int]]] = {}
+        for production in productions:
+            if production.immediate:
+                alpha = production.patterns[0].alpha
+                self._at_once.setdefault(alpha.template, []).append((alpha, production.helper))
+        self._templates = set(self._at_once)
+        self._built = [self._build(*item) for item in enumerate(productions) if not item[1].immediate]
         self._record = Record(0)
         self._rows: dict[Fact, Row] = {}
         super().__init__()
@@ -100,9 +265,18 @@ class Network(experta.KnowledgeEngine):
         """Return the productions."""
         return self._built
 
-    def get_deffacts(self) -> list[Any]:
-        """Return the initial fact, without a search through all attributes at every reset."""
-        return self._deffacts
+    def reset(self, **_: Any) -> None:
+        """Begin with an empty working memory."""
+        self.agenda, self.facts, self.running = Agenda(), Memory(), False
+        self.matcher.reset()
+        self.declare(Item(INITIAL, ()))
+
+    def declare(self, *items: Item) -> None:
+        """Add items to the working memory; those that rules add wait for the end of the firing."""
+        for item in items:
+            self.facts.declare(item)
+        if not self.running:
+            self.strategy.update_agenda(self.agenda, *self.get_activations())
 
     def infer(self, facts: Iterable[Fact], record: Record) -> Firings:
         """Run to the end on these facts alone."""
@@ -114,66 +288,57 @@ class Network(experta.KnowledgeEngine):
         return record.finish(known)
 
     def _assert(self, facts: Iterable[Fact]) -> None:
-        """Declare the facts that are new and that some pattern may match, in one batch."""
+        """Declare the facts that are new and that some pattern may admit, and the helpers that follow at once."""
         batch = []
         for fact in facts:
-            if fact not in self._rows:
-                self._rows[fact] = Row(fact, len(self._rows))
-                if fact.template in self._classes:
-                    batch.append(self._classes[fact.template](row=self._rows[fact]))
+            if fact in self._rows:
+                continue
+            row = self._rows[fact] = Row(fact, len(self._rows))
+            if fact.template in self._templates:
+                batch.append(Item(fact.template, (row,)))
+            batch += [Item(helper, ()) for alpha, helper in self._at_once.get(fact.template, ()) if alpha.admits(fact)]
         if batch:
             self.declare(*batch)
 
     def _build(self, order: int, production: Production) -> Any:
         names = {pattern.alias: f"v{index}" for index, pattern in enumerate(production.patterns)}
-        left = [self._pattern(pattern, names[pattern.alias]) for pattern in production.patterns]
-        helpers = [
-            (use.negated, self._helper_class(id=use.helper, **_keys(use.keys, names, lambda name: name << experta.W())))
-            for use in production.uses
-        ]
-        left += [pattern for negated, pattern in helpers if not negated]
-        left += [experta.TEST(_test(join, names)) for join in production.joins]
-        left += [experta.NOT(pattern) for negated, pattern in helpers if negated]
-        left += [experta.NOT(self._pattern(pattern, None)) for pattern in production.absent]
-        right = self._fire(production.rule, names) if production.rule else self._note(production, names)
-        right.order = order  # type: ignore[attr-defined]
-        return experta.Rule(*left, salience=production.rank)(right)
+        there = [self._pattern(pattern, (names[pattern.alias],)) for pattern in production.patterns]
+        helpers = [(use.negated, Wanted(use.helper, tuple(names[key] for key in use.keys))) for use in production.uses]
+        there += [pattern for negated, pattern in helpers if not negated]
+        there = there or [Wanted(INITIAL, ())]
+        tests = [experta.TEST(_test(join, names)) for join in production.joins]
+        absent = [pattern for negated, pattern in helpers if negated]
+        absent += [self._pattern(pattern, ()) for pattern in production.absent]
+        right = self._fire(production.rule, names) if production.rule else _note(production, names)
+        built = Lhs(*there, *tests, *map(experta.NOT, absent), salience=production.rank)(right)
+        built.order, built.variables, built.patterns = order, tuple(names.values()), [*there, *absent]
+        return built
 
-    def _pattern(self, pattern: Pattern, name: str | None) -> Any:
-        alias, checks = pattern.alias, pattern.checks
-
-        def matches(row: Row) -> bool:
-            bindings = {alias: row.fact}
-            return all(check(bindings) for check in checks)
-
-        known = self._classes.setdefault(pattern.template, type("Item", (experta.Fact,), {}))
-        return known(row=experta.P(matches, name))
+    def _pattern(self, pattern: Pattern, variables: tuple[str, ...]) -> Wanted:
+        self._templates.add(pattern.alpha.template)
+        return Wanted(pattern.alpha.template, variables, pattern.alpha)
 
     def _fire(self, rule: Rule, names: Mapping[str, str]) -> Callable[..., None]:
         aliases = sorted(names.items())
         findings = [fact for fact in map(finding_of, rule.then) if fact is not None]
+        conclude = conclusions(rule, self._evaluator)
 
         def fire(network: Network, **rows: Row) -> None:
             bindings = tuple((alias, rows[name].fact) for alias, name in aliases)
             if not network._record.knows(rule.id, bindings):
-                actions = network._evaluator.actions(rule.then, dict(bindings))
-                network._record.add(Firing(rule.id, bindings, actions))
+                network._record.add(Firing(rule.id, bindings, conclude(dict(bindings))))
                 network._assert(findings)
 
         return fire
 
-    def _note(self, production: Production, names: Mapping[str, str]) -> Callable[..., None]:
-        helper, keys = production.helper, production.keys
 
-        def note(network: Network, **rows: Row) -> None:
-            network.declare(network._helper_class(id=helper, **_keys(keys, names, rows.__getitem__)))
+def _note(production: Production, names: Mapping[str, str]) -> Callable[..., None]:
+    variables = [names[key] for key in production.keys]
 
-        return note
+    def note(network: Network, **rows: Row) -> None:
+        network.declare(Item(production.helper, tuple(rows[name] for name in variables)))
 
-
-def _keys(aliases: Sequence[str], names: Mapping[str, str], value: Callable[[str], Any]) -> dict[str, Any]:
-    """Return the fields of a helper fact that hold the outer facts."""
-    return {f"k{index}": value(names[alias]) for index, alias in enumerate(aliases)}
+    return note
 
 
 def _test(join: Join, names: Mapping[str, str]) -> Callable[..., bool]:

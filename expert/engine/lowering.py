@@ -11,22 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
+from expert.engine.alpha import Alpha, Alphas
+from expert.engine.common import mentioned
 from expert.rules.evaluate import Bindings, Evaluator, matches_finding, operand_aliases
 from expert.rules.model import AnyOf, Comparison, Condition, Exists, FindingCondition, ForAll, Not, Rule
 from expert.rules.strata import conditions_of, stratify
 
 Check = Callable[[Bindings], bool]
-NOTED_FIRST = 1 << 30  # rank of the helpers that note findings: before everything else
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """One fact of a template, bound to an alias, that passes all checks."""
+    """One fact, bound to an alias, that fulfils an alpha condition."""
 
     alias: str
-    template: str
-    checks: tuple[Check, ...] = ()
+    alpha: Alpha
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,12 @@ class Production:
     depth: int = 0
     rank: int = 0
 
+    @property
+    def immediate(self) -> bool:
+        """Whether a single fact is enough to assert the helper, whatever else there is."""
+        alone = len(self.patterns) == 1 and not (self.joins or self.uses or self.absent or self.keys)
+        return alone and self.rule is None
+
 
 @dataclass
 class _Body:
@@ -80,23 +87,6 @@ class _Body:
         patterns = (*(outer[key] for key in keys), *self.patterns.values())
         uses = tuple(dict.fromkeys(self.uses))
         return Production(patterns, tuple(self.joins), uses, tuple(self.absent), keys=tuple(keys))
-
-
-def mentioned(conditions: Sequence[Condition]) -> frozenset[str]:
-    """Return every alias that conditions speak of, at any depth."""
-    found: frozenset[str] = frozenset()
-    for condition in conditions:
-        if isinstance(condition, Comparison):
-            found |= {condition.name} | operand_aliases(condition.value)
-        elif isinstance(condition, Not):
-            found |= mentioned(conditions_of(condition.not_))
-        elif isinstance(condition, Exists):
-            found |= mentioned(conditions_of(condition.exists))
-        elif isinstance(condition, AnyOf):
-            found = found.union(*(mentioned(conditions_of(branch)) for branch in condition.any_of))
-        elif isinstance(condition, ForAll):
-            found |= mentioned(condition.for_all.where) | mentioned(condition.for_all.then)
-    return found
 
 
 def lower(rules: Sequence[Rule], evaluator: Evaluator) -> tuple[Production, ...]:
@@ -126,8 +116,7 @@ def lower(rules: Sequence[Rule], evaluator: Evaluator) -> tuple[Production, ...]
             lowering.add_rule(rule, layer)
     deepest = max((production.depth for production in lowering.productions), default=0)
     for production in lowering.productions:
-        if production.rank != NOTED_FIRST:
-            production.rank = (len(layers) - production.layer) * (deepest + 1) + production.depth
+        production.rank = (len(layers) - production.layer) * (deepest + 1) + production.depth
     return tuple(lowering.productions)
 
 
@@ -135,6 +124,7 @@ class _Lowering:
     def __init__(self, evaluator: Evaluator) -> None:
         self.productions: list[Production] = []
         self._evaluator = evaluator
+        self._alphas = Alphas(evaluator)
         self._layer = 0
         self._helpers = 0
         self._noted: dict[FindingCondition, int] = {}
@@ -154,7 +144,7 @@ class _Lowering:
         for comparison in comparisons:
             needs = (operand_aliases(comparison.value) | {comparison.name}) & scope.keys()
             if needs != {comparison.name} or comparison.name in outer:
-                body.joins.append(Join(tuple(sorted(needs)), self._evaluator.test(comparison)))
+                body.joins.append(Join(tuple(sorted(needs)), partial(self._evaluator.comparison, comparison)))
         for condition in conditions:
             if not isinstance(condition, Comparison):
                 self._group(condition, body, scope, depth)
@@ -168,7 +158,7 @@ class _Lowering:
         for name in names:
             own = [item for item in comparisons if item.name == name]
             alone = [item for item in own if operand_aliases(item.value) & bound <= {name}]
-            patterns[name] = Pattern(name, own[0].fact, tuple(map(self._evaluator.test, alone)))
+            patterns[name] = Pattern(name, self._alphas.of(own[0].fact, alone))
         return patterns
 
     def _group(self, condition: Condition, body: _Body, scope: Mapping[str, Pattern], depth: int) -> None:
@@ -195,7 +185,7 @@ class _Lowering:
         if len(conditions) != 1 or not isinstance(conditions[0], Comparison) or mentioned(conditions) & scope.keys():
             return None
         comparison = conditions[0]
-        return Pattern(comparison.name, comparison.fact, (self._evaluator.test(comparison),))
+        return Pattern(comparison.name, self._alphas.of(comparison.fact, [comparison]))
 
     def _helper(
         self,
@@ -220,9 +210,7 @@ class _Lowering:
             self._helpers += 1
             self._noted[condition] = self._helpers
 
-            def check(bindings: Bindings) -> bool:
-                return matches_finding(condition, bindings["finding"])
-
-            pattern = Pattern("finding", "finding", (check,))
-            self.productions.append(Production((pattern,), (), (), (), helper=self._helpers, rank=NOTED_FIRST))
+            alpha = Alpha(-1, "finding", (partial(matches_finding, condition),))
+            pattern = Pattern("finding", alpha)
+            self.productions.append(Production((pattern,), (), (), (), helper=self._helpers))
         return self._noted[condition]

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
-from expert.facts import SEVERITIES, Fact, Scalar, Vocabulary
+from expert.facts import SEVERITIES, Fact, Scalar, Vocabulary, finite, is_number
 from expert.firing import ResolvedAction
 from expert.rules.model import (
     Action,
@@ -37,11 +36,6 @@ SIGNIFICANT_SIGMAS = 2.0  # two standard uncertainties, about 95 % of a normal d
 _ABSENT: tuple[None, Any] = (None, None)
 
 
-def field_value(fact: Fact, field: str) -> Scalar | None:
-    """Return a field's value; None where it is absent or not finite."""
-    return _finite(fact.get(field))
-
-
 def resolve(operand: Any, bindings: Bindings, thresholds: Thresholds) -> Scalar | None:
     """Evaluate one operand.
 
@@ -62,13 +56,13 @@ def resolve(operand: Any, bindings: Bindings, thresholds: Thresholds) -> Scalar 
     if isinstance(operand, FieldRef):
         alias, _, field = operand.field.partition(".")
         fact = bindings.get(alias)
-        return None if fact is None else field_value(fact, field)
+        return None if fact is None else fact.get(field)
     if isinstance(operand, ThresholdRef):
         threshold = thresholds.get(operand.threshold)
-        return None if threshold is None else _finite(threshold.value)
+        return None if threshold is None else finite(threshold.value)
     if isinstance(operand, Calculation):
         return _calculate(operand, bindings, thresholds)
-    return _finite(operand)
+    return finite(operand)
 
 
 def holds(op: str, value: Scalar | None, limit: Limit | None = None, sigma: Scalar | None = None) -> bool:
@@ -97,16 +91,16 @@ def holds(op: str, value: Scalar | None, limit: Limit | None = None, sigma: Scal
         return isinstance(limit, tuple) and any(_equal(value, member) for member in limit)
     if op == "not_in":
         return isinstance(limit, tuple) and all(_different(value, member) for member in limit)
-    if not _is_number(value):
+    if not is_number(value):
         return False
     if op == "between":
-        if not isinstance(limit, tuple) or len(limit) != 2 or not all(_is_number(end) for end in limit):
+        if not isinstance(limit, tuple) or len(limit) != 2 or not all(is_number(end) for end in limit):
             return False
         return bool(limit[0] <= value <= limit[1])  # type: ignore[operator]
-    if not _is_number(limit):
+    if not is_number(limit):
         return False
-    if op in _ORDERS:
-        return _ORDERS[op](value, limit)
+    if op in ORDERS:
+        return ORDERS[op](value, limit)
     return _significant(op, value, limit, sigma)
 
 
@@ -130,7 +124,7 @@ class Evaluator:
         fact = bindings.get(comparison.name)
         if fact is None or fact.template != comparison.fact or comparison.field is None:
             return _ABSENT
-        return field_value(fact, comparison.field), self._limit(comparison.value, bindings)
+        return fact.get(comparison.field), self._limit(comparison.value, bindings)
 
     def comparison(self, comparison: Comparison, bindings: Bindings) -> bool:
         """Say whether a comparison holds; without a field, whether its alias is bound to a fact of its template."""
@@ -142,24 +136,9 @@ class Evaluator:
         value, limit = self.sides(comparison, bindings)
         return holds(comparison.op, value, limit, self._sigma(comparison, fact))
 
-    def test(self, comparison: Comparison) -> Callable[[Bindings], bool]:
-        """Return `comparison` for one comparison as a function, its constant parts evaluated once."""
-        if comparison.field is None or operand_aliases(comparison.value):
-            return partial(self.comparison, comparison)
-        name, template, field, op = comparison.name, comparison.fact, comparison.field, comparison.op
-        limit = self._limit(comparison.value, {})
-        uncertain = op.startswith("significantly")
-        if op in _ORDERS and _is_number(limit):
-            return _constant_order(name, template, field, op, limit)
-
-        def check(bindings: Bindings) -> bool:
-            fact = bindings.get(name)
-            if fact is None or fact.template != template:
-                return False
-            sigma = self._sigma(comparison, fact) if uncertain else None
-            return holds(op, field_value(fact, field), limit, sigma)
-
-        return check
+    def constant(self, comparison: Comparison) -> Limit | None:
+        """Return the right side of a comparison that no fact is needed for; None where one is."""
+        return self._limit(comparison.value, {})
 
     def action(self, index: int, action: Action, bindings: Bindings) -> ResolvedAction | None:
         """Evaluate an action's operands; None when one of them cannot be computed."""
@@ -197,7 +176,7 @@ class Evaluator:
             return None
         template = self._vocabulary.get(comparison.fact)
         info = template.fields.get(comparison.field or "") if template else None
-        return field_value(fact, info.sigma) if info and info.sigma else None
+        return fact.get(info.sigma) if info and info.sigma else None
 
 
 def matches_finding(condition: FindingCondition, fact: Fact) -> bool:
@@ -228,18 +207,6 @@ def operand_aliases(operand: Any) -> frozenset[str]:
     return frozenset()
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _finite(value: Any) -> Scalar | None:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if not isinstance(value, bool | int | float | str):
-        return None
-    return value
-
-
 def _equal(left: Any, right: Any) -> bool:
     return _comparable(left, right) and left == right
 
@@ -249,11 +216,11 @@ def _different(left: Any, right: Any) -> bool:
 
 
 def _comparable(left: Any, right: Any) -> bool:
-    return (_is_number(left) and _is_number(right)) or type(left) is type(right)
+    return (is_number(left) and is_number(right)) or type(left) is type(right)
 
 
 _EQUALITIES: Mapping[str, Callable[[Any, Any], bool]] = {"eq": _equal, "ne": _different}
-_ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
+ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
     "lt": lambda value, limit: value < limit,
     "le": lambda value, limit: value <= limit,
     "gt": lambda value, limit: value > limit,
@@ -265,22 +232,8 @@ _ORDERS: Mapping[str, Callable[[Any, Any], bool]] = {
 }
 
 
-def _constant_order(name: str, template: str, field: str, op: str, limit: Any) -> Callable[[Bindings], bool]:
-    """Return the most frequent comparison, of a number with a constant, by the shortest way."""
-    order = _ORDERS[op]
-
-    def check(bindings: Bindings) -> bool:
-        fact = bindings.get(name)
-        if fact is None or fact.template != template:
-            return False
-        value = fact.get(field)
-        return _is_number(value) and _finite(value) is not None and order(value, limit)
-
-    return check
-
-
 def _significant(op: str, value: Any, limit: Any, sigma: Any) -> bool:
-    if not _is_number(sigma):
+    if not is_number(sigma):
         return False
     margin = SIGNIFICANT_SIGMAS * sigma
     if op == "significantly_gt":
@@ -307,7 +260,7 @@ def _calculate(calculation: Calculation, bindings: Bindings, thresholds: Thresho
         return None
     name, operands = calculation.operation()
     numbers = [resolve(operand, bindings, thresholds) for operand in operands]
-    if not all(_is_number(number) for number in numbers):
+    if not all(is_number(number) for number in numbers):
         return None
     try:
         result = _OPERATIONS[name](*numbers)

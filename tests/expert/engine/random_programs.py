@@ -10,8 +10,9 @@ from typing import Any
 from expert.facts import SEVERITIES, Fact, FieldInfo, TemplateInfo
 from expert.firing import Firing
 from expert.rules.evaluate import Evaluator, finding_of, matches_finding
-from expert.rules.model import AnyOf, Comparison, Exists, FindingCondition, ForAll, Not, RuleBase
+from expert.rules.model import AnyOf, Comparison, Exists, FindingCondition, ForAll, Not, RuleBase, Stage
 from expert.rules.strata import conditions_of, stratify
+from modules.operator import Cost, Operator, OperatorParams
 
 FIELDS = {"x": "number", "y": "number", "n": "integer", "s": "text", "t": "boolean", "sx": "number"}
 TEMPLATES = ("a", "b", "c")
@@ -19,8 +20,23 @@ ALIASES = {"a": ("a", "p", "q"), "b": ("b", "r"), "c": ("c", "class", "k-1")}
 NUMBERS = (-2, -1, 0, 0.5, 1, 1.5, 2)
 TEXTS = ("u", "v", "w")
 DEPTH = 8  # of chains of findings
-NUMERIC = ("eq", "ne", "lt", "le", "gt", "ge", "abs_lt", "abs_le", "abs_gt", "abs_ge", "significantly_gt")
-STAGE = "correction"
+NUMERIC = (
+    "eq",
+    "ne",
+    "lt",
+    "le",
+    "gt",
+    "ge",
+    "abs_lt",
+    "abs_le",
+    "abs_gt",
+    "abs_ge",
+    "significantly_gt",
+    "significantly_lt",
+)
+STAGE: Stage = "correction"
+OPERATORS = ("correction.op", "correction.other")
+SCORES = (0.5, 0.5, 0.7)  # ties are frequent
 
 
 def small_vocabulary() -> dict[str, TemplateInfo]:
@@ -30,6 +46,20 @@ def small_vocabulary() -> dict[str, TemplateInfo]:
         for name, kind in FIELDS.items()
     }
     return {name: TemplateInfo(name, name, fields, ()) for name in TEMPLATES}
+
+
+class AnyParams(OperatorParams):
+    """Parameters that take whatever a rule computes."""
+
+    k: Any = 0
+    m: Any = 0
+    step: float = 1.0
+
+
+def small_catalog() -> dict[str, Operator]:
+    """Return two operators for one slot."""
+    cost = Cost()
+    return {name: Operator(name, "radiometry", AnyParams, lambda state, _: state, cost, "test") for name in OPERATORS}
 
 
 class Generator:
@@ -51,13 +81,16 @@ class Generator:
         if self.r.random() < 0.3:
             rules += [self._link(level) for level in range(DEPTH)]
         thresholds = {"low": {"value": 0.5, "because": "test"}, "high": {"value": 1, "because": "test"}}
-        return RuleBase.model_validate({"rules": rules, "thresholds": thresholds})
+        slots = {STAGE: [{"slot": "radiometry", "default": OPERATORS[0], "because": "test"}]}
+        return RuleBase.model_validate({"rules": rules, "thresholds": thresholds, "slots": slots})
 
     def _fact(self, template: str) -> Fact:
         fields: dict[str, Any] = {}
         for name, kind in FIELDS.items():
             if self.r.random() < 0.75:
                 fields[name] = self._scalar(kind)
+        if self.r.random() < 0.1:  # as no probe gives it: NaN is no value
+            return Fact(template, tuple(sorted({**fields, "y": float("nan")}.items())))
         return Fact.of(template, **fields)
 
     def _scalar(self, kind: str) -> Any:
@@ -89,10 +122,20 @@ class Generator:
             kind = self.r.choice(("derive", "assess"))
             then.append({kind: f"f{level}", "severity": self.r.choice(SEVERITIES)})
         if self.r.random() < 0.6 or not then:
-            then.append({"choose": "correction.op", "with": {"k": self._operand(2), "m": self._operand(1)}})
+            kind, score = self.r.choice(("choose", "choose", "repair")), self.r.choice(SCORES)
+            wanted = {"k": self._operand(2), "m": self._operand(1)}
+            then.append({kind: self.r.choice(OPERATORS), "with": wanted, "score": score})
         if self.r.random() < 0.3:
-            then.append({"set": "correction.op", "parameter": "k", "to": self._operand(2)})
-        return self._frame(f"RUL{number:03d}", when, then)
+            then.append(
+                {"set": "correction.op", "parameter": "k", "to": self._operand(2), "score": self.r.choice(SCORES)}
+            )
+        if self.r.random() < 0.1:
+            then.append({"exclude": self.r.choice(OPERATORS)})
+        if self.r.random() < 0.1:
+            then.append({"adjust": "correction.op", "parameter": "step", "by": 0.5, "at_most": 2.0})
+        if self.r.random() < 0.1:
+            then.append({"measure": "measurement.something"})
+        return {**self._frame(f"RUL{number:03d}", when, then), "priority": self.r.choice((100, 100, 200))}
 
     def _conditions(self, depth: int, negated: bool, count: int) -> list[Any]:
         return [self._condition(depth, negated) for _ in range(count)]
@@ -166,7 +209,10 @@ class Generator:
             return {"field": f"{self._alias()}.{self.r.choice(('x', 'y', 'n', 's'))}"}
         if draw < 0.88:
             return {"threshold": self.r.choice(("low", "high", "unknown"))}
-        name, count = self.r.choice((("add", 2), ("sub", 2), ("mul", 3), ("div", 2), ("max", 2), ("clamp", 3)))
+        if draw < 0.9:
+            return {self.r.choice(("round", "floor", "ceil")): self._operand(depth - 1)}
+        calculations = (("add", 2), ("sub", 2), ("mul", 3), ("div", 2), ("min", 2), ("max", 3), ("clamp", 3))
+        name, count = self.r.choice(calculations)
         return {name: [self._operand(depth - 1) for _ in range(count)]}
 
 
