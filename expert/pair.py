@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from modules.formats.attitude import read_attitude
-from modules.formats.calibration import check_calibration, read_calibration
+from modules.formats.calibration import (
+    CalibrationFile,
+    CalibrationSource,
+    check_calibration,
+    for_images,
+    read_calibration,
+)
 from modules.formats.images import read_image
-from modules.types import Attitude, Calibration, DisparityRange, Image, Mount, Views
+from modules.primitives.frames import rectified_mount
+from modules.rectification.rectify import RectificationError, already_rectified, rectify_images
+from modules.types import Attitude, Calibration, DisparityRange, Image, Mask, Mount, StereoRig, Views
 
 MIN_SIDE_PX = 16
 MAX_MEGAPIXELS = 100.0
@@ -41,9 +49,35 @@ def _checked_image(name: str, image: object) -> Image:
     return np.ascontiguousarray(image)
 
 
+def _checked_mask(name: str, mask: object, image: Image) -> Mask:
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != image.shape[:2]:
+        found = f"{mask.dtype} of shape {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
+        raise PairError(f"{name} is {found}; expected bool of shape {image.shape[:2]}, True where a pixel may be used")
+    return np.ascontiguousarray(mask)
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What was done to a pair while it was loaded, before anything was measured.
+
+    Attributes
+    ----------
+    calibration_format : str or None
+        Format of the calibration file.
+    rectified_here : bool
+        Whether the images were rectified with the calibration.
+    calibration_scale : float
+        Factor by which the calibration was scaled to the size of the images.
+    """
+
+    calibration_format: str | None = None
+    rectified_here: bool = False
+    calibration_scale: float = 1.0
+
+
 @dataclass(frozen=True)
 class StereoPair:
-    """A rectified stereo pair.
+    """A rectified stereo pair; `load` and `rectify` also take raw images.
 
     Parameters
     ----------
@@ -59,6 +93,10 @@ class StereoPair:
         Where the left camera sits on the body.
     name : str
         Used in reports.
+    left_mask, right_mask : bool (H, W), optional
+        True where a pixel may be used; everywhere by default.
+    preparation : Preparation
+        What was done on the way here.
 
     Raises
     ------
@@ -73,6 +111,9 @@ class StereoPair:
     attitude: Attitude | None = None
     mount: Mount | None = None
     name: str = "pair"
+    left_mask: Mask | None = None
+    right_mask: Mask | None = None
+    preparation: Preparation = Preparation()
 
     def __post_init__(self) -> None:
         left, right = _checked_image("left", self.left), _checked_image("right", self.right)
@@ -87,6 +128,10 @@ class StereoPair:
             raise PairError("one image is gray and the other is colour; convert both to gray or both to RGB")
         object.__setattr__(self, "left", left)
         object.__setattr__(self, "right", right)
+        for name, image in (("left_mask", left), ("right_mask", right)):
+            mask = getattr(self, name)
+            if mask is not None:
+                object.__setattr__(self, name, _checked_mask(name, mask, image))
         if self.disparity_range_px is not None:
             self._check_range(self.disparity_range_px)
         if self.calibration is not None:
@@ -106,11 +151,29 @@ class StereoPair:
         left: str | Path,
         right: str | Path,
         *,
-        calibration: str | Path | None = None,
+        calibration: CalibrationSource | None = None,
         attitude: str | Path | Attitude | None = None,
         disparity_range_px: tuple[int, int] | None = None,
+        rectified: bool = False,
+        alpha: float | None = None,
+        scale_calibration: bool = False,
     ) -> StereoPair:
-        """Read a pair from files.
+        """Read a pair from files, and rectify it where the calibration is of raw cameras.
+
+        Parameters
+        ----------
+        left, right : path
+        calibration : path, or two paths, optional
+            Any format of `modules.formats.read_calibration`.
+        attitude : path or Attitude, optional
+        disparity_range_px : (int, int), optional
+            Of the rectified images.
+        rectified : bool
+            Whether the images are rectified already, although the calibration also describes the raw cameras.
+        alpha : float, optional
+            0 zooms until all pixels are valid, 1 keeps all the cameras saw; see `modules.rectification.rectify`.
+        scale_calibration : bool
+            Scale a calibration that was made for another size of the same images.
 
         Raises
         ------
@@ -119,10 +182,6 @@ class StereoPair:
         PairError
             The images do not fit together.
         """
-        camera: Calibration | None = None
-        mount: Mount | None = None
-        if calibration is not None:
-            camera, mount = read_calibration(Path(calibration))
         if attitude is not None and not isinstance(attitude, Attitude):
             attitude = read_attitude(Path(attitude))
         left_image, right_image = read_image(Path(left)), read_image(Path(right))
@@ -131,22 +190,86 @@ class StereoPair:
                 f"{left} is {left_image.shape[1]}x{left_image.shape[0]} and {right} is "
                 f"{right_image.shape[1]}x{right_image.shape[0]}; crop them to one size or rectify the pair first"
             )
-        return cls(
+        pair = cls(
             left_image,
             right_image,
             disparity_range_px=disparity_range_px,
-            calibration=camera,
             attitude=attitude,
-            mount=mount,
             name=Path(left).stem.encode("utf-8", "backslashreplace").decode(),  # names of files need not be UTF-8
+        )
+        if calibration is None:
+            return pair
+        stated = read_calibration(calibration, pair.left.shape)
+        fitting = for_images(stated, pair.left.shape, scale=scale_calibration)
+        done = Preparation(stated.format, calibration_scale=_width(fitting) / _width(stated))
+        pair = replace(pair, mount=fitting.mount, preparation=done)
+        if fitting.rig is not None and not rectified:
+            return pair.rectify(fitting.rig, alpha=alpha)
+        if fitting.rectified is None:
+            raise PairError(
+                f"the calibration ({fitting.format}) describes raw cameras and no rectified pair; "
+                "leave out --rectified, or give the calibration of the rectified images"
+            )
+        return replace(pair, calibration=fitting.rectified)
+
+    def rectify(self, rig: StereoRig, *, alpha: float | None = None) -> StereoPair:
+        """Return the pair rectified, its images being as the cameras of `rig` took them.
+
+        Parameters
+        ----------
+        rig : StereoRig
+        alpha : float, optional
+            0 zooms until all pixels are valid, 1 keeps all the cameras saw; by default what the rig prescribes, or 0.
+
+        Returns
+        -------
+        StereoPair
+            With the rectified calibration, masks of the pixels that the cameras saw, and the mount turned along. A rig
+            that is rectified already leaves the images as they are.
+
+        Raises
+        ------
+        PairError
+            The rig cannot be rectified, or is of another size.
+        """
+        rows, columns = self.left.shape[:2]
+        if (rig.left.width_px, rig.left.height_px) != (columns, rows):
+            raise PairError(
+                f"the rig is of {rig.left.width_px}x{rig.left.height_px} px and the images are {columns}x{rows} px; "
+                "use the calibration of these images"
+            )
+        if self.left_mask is not None or self.right_mask is not None:
+            raise PairError("the pair has masks of its raw images; rectify it first and give masks of the result")
+        ready = already_rectified(rig)
+        if ready is not None:
+            return replace(self, calibration=ready)
+        try:
+            made = rectify_images(self.left, self.right, rig, alpha)
+        except RectificationError as error:
+            raise PairError(str(error)) from error
+        plan = made.rectification
+        return replace(
+            self,
+            left=made.left,
+            right=made.right,
+            left_mask=None if made.left_mask.all() else made.left_mask,
+            right_mask=None if made.right_mask.all() else made.right_mask,
+            calibration=plan.calibration,
+            mount=rectified_mount(self.mount or Mount(), plan.left_rotation),
+            preparation=replace(self.preparation, rectified_here=True),
         )
 
     @property
     def views(self) -> Views:
         """The pair as the correction stage takes it."""
-        return Views(self.left, self.right)
+        return Views(self.left, self.right, self.left_mask, self.right_mask)
 
     @property
     def given_range(self) -> DisparityRange | None:
         """The disparity range the caller gave."""
         return None if self.disparity_range_px is None else DisparityRange(*self.disparity_range_px)
+
+
+def _width(found: CalibrationFile) -> float:
+    geometry = found.rectified or (found.rig.left if found.rig is not None else None)
+    return float(geometry.width_px) if geometry is not None else 1.0

@@ -3,9 +3,11 @@
 from modules.formats.atomic import whole_folder
 from modules.formats.attitude import attitude_from_degrees, read_attitude, write_attitude
 from modules.formats.calibration import (
+    CalibrationFile,
+    CalibrationSource,
+    calibration_schema,
     check_calibration,
-    mount_angles,
-    mount_from_angles,
+    for_images,
     read_calibration,
     write_calibration,
 )
@@ -21,19 +23,24 @@ from modules.formats.disparity import (
 from modules.formats.elevation import read_geotiff, write_geotiff, write_hillshade_png
 from modules.formats.errors import FormatError
 from modules.formats.images import read_image, write_image
+from modules.formats.imu import ImuLog, read_imu_log
 from modules.formats.points import read_ply, write_ply
 
 __all__ = [
+    "CalibrationFile",
+    "CalibrationSource",
     "FormatError",
+    "ImuLog",
     "attitude_from_degrees",
+    "calibration_schema",
     "check_calibration",
-    "mount_angles",
-    "mount_from_angles",
+    "for_images",
     "read_attitude",
     "read_calibration",
     "read_disparity_png",
     "read_geotiff",
     "read_image",
+    "read_imu_log",
     "read_pfm",
     "read_ply",
     "read_validity_png",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from modules import formats as f
+from modules.primitives.frames import mount_angles, mount_from_angles
 from modules.types import Attitude, Calibration, ElevationMap, Mount, PointCloud
 
 RNG = np.random.default_rng(5)
@@ -91,27 +92,27 @@ def test_other_unreadable_images_are_named(tmp_path):
 
 def test_a_middlebury_calibration_is_read_with_its_stray_spaces(tmp_path):
     (tmp_path / "calib.txt").write_text(MIDDLEBURY)
-    calibration, mount = f.read_calibration(tmp_path / "calib.txt")
-    assert calibration == Calibration(935.0, 148.0, 138.0, 0.16, 347, 277, 50.0)
-    assert mount is None
+    found = f.read_calibration(tmp_path / "calib.txt")
+    assert found.rectified == Calibration(935.0, 148.0, 138.0, 0.16, 347, 277, 50.0)
+    assert (found.format, found.rig, found.mount) == ("Middlebury", None, None)
 
 
 def test_calibration_and_mount_survive_yaml(tmp_path):
     calibration = Calibration(500.1, 320.2, 240.3, 0.0912345678901, 640, 480, -1.5)
-    mount = f.mount_from_angles(0.1, 0.2, 0.3, (1.0, 2.0, 3.0))
+    mount = mount_from_angles(0.1, 0.2, 0.3, (1.0, 2.0, 3.0))
     f.write_calibration(tmp_path / "c.yaml", calibration, mount)
-    back, back_mount = f.read_calibration(tmp_path / "c.yaml")
-    assert back == calibration
-    np.testing.assert_array_equal(back_mount.rotation, mount.rotation)
-    assert back_mount.translation_m == mount.translation_m
+    back = f.read_calibration(tmp_path / "c.yaml")
+    assert back.rectified == calibration
+    np.testing.assert_array_equal(back.mount.rotation, mount.rotation)
+    assert back.mount.translation_m == mount.translation_m
 
 
 def test_a_mount_with_positive_pitch_looks_down(tmp_path):
     (tmp_path / "c.yaml").write_text(YAML + "mount: {pitch_deg: 30, translation_m: [0, 0, 1]}\n")
-    mount = f.read_calibration(tmp_path / "c.yaml")[1]
+    mount = f.read_calibration(tmp_path / "c.yaml").mount
     np.testing.assert_allclose(mount.rotation @ [0, 0, 1], [math.cos(math.pi / 6), 0, -0.5], atol=1e-12)
-    np.testing.assert_allclose(np.degrees(f.mount_angles(mount)), [0, 30, 0], atol=1e-9)
-    np.testing.assert_allclose(f.mount_angles(Mount()), 0, atol=1e-12)
+    np.testing.assert_allclose(np.degrees(mount_angles(mount)), [0, 30, 0], atol=1e-9)
+    np.testing.assert_allclose(mount_angles(Mount()), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from modules.formats import mount_from_angles
 from modules.measurement.terrain_quality import PROBE
 from modules.operator import OperatorError
-from modules.primitives.frames import level_from_body
+from modules.primitives.frames import mount_from_angles, level_from_body
 from modules.reconstruction import OPERATORS, SLOTS
 from modules.types import Attitude, Calibration, Disparity, ElevationMap, Mount, PointCloud, Scene
 

@@ -1,0 +1,29 @@
+"""What a calibration file says, whatever its format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from modules.types import Calibration, Mount, StereoRig
+
+
+@dataclass(frozen=True)
+class CalibrationFile:
+    """What a calibration file says.
+
+    Attributes
+    ----------
+    format : str
+        Name of the format, e.g. `OpenCV`.
+    rectified : Calibration or None
+        Geometry of images that are rectified already.
+    rig : StereoRig or None
+        The cameras as they are; None where the file describes rectified images alone.
+    mount : Mount or None
+        Where the left camera, as it is, sits on the body.
+    """
+
+    format: str
+    rectified: Calibration | None = None
+    rig: StereoRig | None = None
+    mount: Mount | None = None
