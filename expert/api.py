@@ -182,9 +182,19 @@ class ExpertSystem:
 
     def _stated(self, pair: StereoPair) -> list[FactModel]:
         camera, attitude = pair.calibration, pair.attitude
-        rig = Rig(calibrated=camera is not None)
+        rig = Rig(calibrated=False)
         if camera is not None:
-            rig = Rig(calibrated=True, focal_px=camera.focal_px, baseline_m=camera.baseline_m, doffs_px=camera.doffs_px)
+            done = pair.preparation
+            masks = [mask for mask in (pair.left_mask, pair.right_mask) if mask is not None]
+            rig = Rig(
+                calibrated=True,
+                focal_px=camera.focal_px,
+                baseline_m=camera.baseline_m,
+                doffs_px=camera.doffs_px,
+                rectified_here=done.rectified_here,
+                valid_fraction=min([1.0, *(float(mask.mean()) for mask in masks)]) if done.rectified_here else None,
+                calibration_scale=done.calibration_scale if done.calibration_scale != 1.0 else None,
+            )
         known = MeasuredAttitude(known=attitude is not None)
         if attitude is not None:
             degrees = 57.29577951308232
@@ -245,10 +255,12 @@ class _Corrector:
 
 def _digest(pair: StereoPair) -> str:
     digest = hashlib.sha256()
-    for image in (pair.left, pair.right):
-        digest.update(f"{image.shape}{image.dtype}".encode())
-        digest.update(image.tobytes())
-    digest.update(repr((pair.disparity_range_px, pair.calibration, pair.attitude)).encode())
+    for array in (pair.left, pair.right, pair.left_mask, pair.right_mask):
+        if array is not None:
+            digest.update(f"{array.shape}{array.dtype}".encode())
+            digest.update(array.tobytes())
+    mount = None if pair.mount is None else (pair.mount.rotation.tolist(), pair.mount.translation_m)
+    digest.update(repr((pair.disparity_range_px, pair.calibration, pair.attitude, mount)).encode())
     return digest.hexdigest()
 
 

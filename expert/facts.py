@@ -40,6 +40,17 @@ class Rig(FactModel):
     focal_px: float | None = quantity("Focal length", unit="px", ge=0, resolution=0.01, default=None)
     baseline_m: float | None = quantity("Distance of the cameras", unit="m", ge=0, resolution=1e-5, default=None)
     doffs_px: float | None = quantity("Disparity offset", unit="px", resolution=0.001, default=None)
+    rectified_here: bool = quantity("Whether the images were rectified with the calibration on loading", default=False)
+    valid_fraction: float | None = quantity(
+        "Part of the rectified images that the cameras saw, the smaller of the two",
+        ge=0,
+        le=1,
+        resolution=0.001,
+        default=None,
+    )
+    calibration_scale: float | None = quantity(
+        "Factor by which the calibration was scaled to the images", ge=0, resolution=1e-4, default=None
+    )
 
 
 class MeasuredAttitude(FactModel):

@@ -60,7 +60,8 @@ def test_the_calibration_of_the_demonstration_pair_reads_back(motorcycle, tmp_pa
     from modules.formats.calibration import read_calibration
 
     (tmp_path / "calib.txt").write_text(motorcycle.CALIBRATION)
-    camera, mount = read_calibration(tmp_path / "calib.txt")
+    found = read_calibration(tmp_path / "calib.txt")
+    camera = found.rectified
     assert (camera.focal_px, camera.cx_px, camera.doffs_px, camera.width_px) == (994.978, 311.193, 31.086, 741)
     assert camera.baseline_m == pytest.approx(0.193001)
-    assert mount is None
+    assert found.mount is None

@@ -13,30 +13,33 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from expert.cli.pair_options import (
+    AlphaOption,
+    AttitudeOption,
+    CalibrationOption,
+    ConventionOption,
+    Degrees,
+    ImuOption,
+    Left,
+    RangeOption,
+    RectifiedOption,
+    Right,
+    ScaleOption,
+    StatedAttitude,
+    StatedCalibration,
+    TimeOption,
+    load_pair,
+)
+from expert.cli.usage import UsageError
+
 if TYPE_CHECKING:
     from expert.api import ExpertSystem
-    from expert.pair import StereoPair
-    from modules.types import Attitude
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
-Left = Annotated[Path, typer.Argument(help="Left image")]
-Right = Annotated[Path, typer.Argument(help="Right image")]
-CalibrationOption = Annotated[Path | None, typer.Option("--calibration", help="Middlebury calib.txt or terrex YAML")]
-AttitudeOption = Annotated[Path | None, typer.Option("--attitude", help="YAML with roll_deg, pitch_deg, yaw_deg")]
-Degrees = Annotated[float | None, typer.Option(help="degrees, REP 103: positive pitch lowers the nose")]
 RulesOption = Annotated[list[Path] | None, typer.Option("--rules", help="Rule file layered on the shipped rules")]
-RangeOption = Annotated[
-    tuple[int, int] | None, typer.Option("--disparity-range", metavar="MIN MAX", help="px; estimated if not given")
-]
-
-
 Profile = Literal["fast", "balanced", "best"]
 EngineName = Literal["experta", "compiled"]
-
-
-class UsageError(Exception):
-    """Wrong usage; exit code 2."""
 
 
 @contextmanager
@@ -51,28 +54,6 @@ def _progress() -> Iterator[Callable[[str], None] | None]:
         yield status.update
 
 
-def _pair(
-    left: Path,
-    right: Path,
-    calibration: Path | None,
-    attitude: Path | None,
-    angles: tuple[float | None, float | None, float | None],
-    disparity_range: tuple[int, int] | None,
-) -> StereoPair:
-    from expert.pair import StereoPair
-    from modules.formats import attitude_from_degrees, read_attitude
-
-    stated: Attitude | None = None
-    if any(angle is not None for angle in angles):
-        if attitude is not None:
-            raise UsageError("give --attitude FILE or --roll --pitch --yaw, not both")
-        roll, pitch, yaw = (angle or 0.0 for angle in angles)
-        stated = attitude_from_degrees(roll, pitch, yaw)
-    elif attitude is not None:
-        stated = read_attitude(attitude)
-    return StereoPair.load(left, right, calibration=calibration, attitude=stated, disparity_range_px=disparity_range)
-
-
 def _system(rules: list[Path] | None, profile: Profile, engine: EngineName) -> ExpertSystem:
     from expert.api import ExpertSystem
 
@@ -84,10 +65,16 @@ def run(
     left: Left,
     right: Right,
     calibration: CalibrationOption = None,
+    rectified: RectifiedOption = False,
+    alpha: AlphaOption = None,
+    scale_calibration: ScaleOption = False,
     attitude: AttitudeOption = None,
     roll: Degrees = None,
     pitch: Degrees = None,
     yaw: Degrees = None,
+    imu: ImuOption = None,
+    time: TimeOption = None,
+    convention: ConventionOption = "rep103",
     rules: RulesOption = None,
     disparity_range: RangeOption = None,
     profile: Profile = "balanced",
@@ -100,7 +87,9 @@ def run(
     from modules.formats.atomic import check_folder
 
     check_folder(out)
-    pair = _pair(left, right, calibration, attitude, (roll, pitch, yaw), disparity_range)
+    cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
+    stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
+    pair = load_pair(left, right, cameras, stated, disparity_range)
     system = _system(rules, profile, engine)
     with _progress() as progress:
         result = system.reconstruct(pair, progress=progress)
@@ -116,10 +105,16 @@ def decide(
     left: Left,
     right: Right,
     calibration: CalibrationOption = None,
+    rectified: RectifiedOption = False,
+    alpha: AlphaOption = None,
+    scale_calibration: ScaleOption = False,
     attitude: AttitudeOption = None,
     roll: Degrees = None,
     pitch: Degrees = None,
     yaw: Degrees = None,
+    imu: ImuOption = None,
+    time: TimeOption = None,
+    convention: ConventionOption = "rep103",
     rules: RulesOption = None,
     disparity_range: RangeOption = None,
     profile: Profile = "balanced",
@@ -127,7 +122,9 @@ def decide(
     json: Annotated[bool, typer.Option("--json", help="Print the whole record")] = False,
 ) -> None:
     """Measure a pair and print what would be done and why; nothing is matched."""
-    pair = _pair(left, right, calibration, attitude, (roll, pitch, yaw), disparity_range)
+    cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
+    stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
+    pair = load_pair(left, right, cameras, stated, disparity_range)
     system = _system(rules, profile, engine)
     with _progress() as progress:
         decision = system.decide(pair, progress=progress)

@@ -118,11 +118,14 @@ def test_an_image_of_one_pixel_is_refused(
     [
         (None, "calib.yaml does not exist; check the path of the calibration"),
         ("hello world\n", "calib.yaml holds str and a calibration is a mapping; write lines of 'name: value'"),
-        ("focal_px: 200\nbaseline_m: 0.1\n", "calib.yaml has no 'cx_px'; add a line 'cx_px: value'"),
+        (
+            "focal_px: 200\nbaseline_m: 0.1\n",
+            "calib.yaml has no 'width_px', 'height_px', 'cx_px', 'cy_px'; add a line 'width_px: value' and so on",
+        ),
         (
             CALIBRATION.replace("width_px: 160", "width_px: 320").replace("height_px: 120", "height_px: 240"),
-            "the calibration is for 320x240 px and the images are 160x120 px; the images seem scaled by 0.5: "
-            "scale focal length, principal point and doffs likewise",
+            "the calibration is for 320x240 px and the images are 160x120 px; the aspect fits a scale of 0.5: "
+            "if these are the whole images resampled, ask for it with --scale-calibration",
         ),
     ],
 )

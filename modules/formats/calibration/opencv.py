@@ -72,7 +72,7 @@ def _nodes(source: str, text: str) -> dict[str, NDArray[np.float64]]:
     """Return all numbers and matrices of a storage file by name."""
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    except cv2.error as error:
+    except (cv2.error, SystemError) as error:  # the constructor wraps OpenCV's error into a SystemError
         raise FormatError(f"{source} is not readable by OpenCV ({_reason(error)}); write it again") from error
     found: dict[str, NDArray[np.float64]] = {}
     try:
@@ -104,7 +104,8 @@ def _numbers(node: cv2.FileNode) -> NDArray[np.float64] | None:
     return None
 
 
-def _reason(error: cv2.error) -> str:
+def _reason(error: BaseException) -> str:
+    error = error.__cause__ or error
     return str(getattr(error, "err", "") or error).strip().splitlines()[0].strip()
 
 

@@ -103,7 +103,7 @@ def read_own(source: str, mapping: Mapping[str, object]) -> CalibrationFile:
     try:
         stated = model.model_validate(mapping)
     except ValidationError as error:
-        raise FormatError(". ".join(_sentence(source, model, item) for item in error.errors())) from error
+        raise FormatError(". ".join(_sentences(source, model, error.errors()))) from error
     mount = None if stated.mount is None else _mount(source, stated.mount)
     if isinstance(stated, RectifiedPairFile):
         values = stated.model_dump(exclude={"mount"})
@@ -169,12 +169,20 @@ def _rotation(source: str, name: str, rows: Rows) -> NDArray[np.float64]:
     return nearest_rotation(matrix)
 
 
+def _sentences(source: str, model: type[BaseModel], items: list[ErrorDetails]) -> list[str]:
+    """Say every fault once; fields that are missing are named together."""
+    missing = [".".join(str(part) for part in item["loc"]) for item in items if item["type"] == "missing"]
+    said = [_sentence(source, model, item) for item in items if item["type"] != "missing"]
+    if missing:
+        listed = ", ".join(f"'{name}'" for name in missing)
+        said.append(f"{source} has no {listed}; add a line '{missing[0]}: value'{' and so on' if missing[1:] else ''}")
+    return said
+
+
 def _sentence(source: str, model: type[BaseModel], item: ErrorDetails) -> str:
     """Say one fault in the words of all readers."""
     where = ".".join(str(part) for part in item["loc"])
     given = item["input"]
-    if item["type"] == "missing":
-        return f"{source} has no '{where}'; add a line '{where}: value'"
     if item["type"] == "extra_forbidden":
         allowed = _fields(model, item["loc"][:-1])
         return str(unknown_field(f"{source}: {where.rpartition('.')[0]}" if len(item["loc"]) > 1 else source,

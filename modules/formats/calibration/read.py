@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import yaml
 
@@ -61,9 +61,10 @@ def read_calibration(paths: CalibrationSource, image_shape: tuple[int, ...] | No
         raise FormatError(f"{len(names)} calibration files were given; give one, or two that belong together")
     files = [(str(path), read_text(path, "calibration")) for path in names]
     source = " and ".join(name for name, _ in files)
-    if all(is_opencv(text) for _, text in files):
+    kinds = {_kind(text) for _, text in files}
+    if kinds == {"opencv"}:
         return checked(source, read_opencv(files, image_shape), unit_stated=False)
-    mappings = [] if _is_table(files[0][1]) else [_mapping(name, text) for name, text in files]
+    mappings = [_mapping(name, text) for name, text in files] if kinds == {"yaml"} else []
     if mappings and all(any(key in mapping for key in ROS_KEYS) for mapping in mappings):
         pairs = [(name, mapping) for (name, _), mapping in zip(files, mappings, strict=True)]
         return checked(source, read_ros(pairs), unit_stated=False)
@@ -91,8 +92,10 @@ def _read_one(
     raise FormatError(f"{source} has the fields {found} and is no calibration that terrex knows; known are {KNOWN}")
 
 
-def _is_table(text: str) -> bool:
-    return bool(MIDDLEBURY.search(text) or KITTI_LINE.search(text))
+def _kind(text: str) -> Literal["opencv", "table", "yaml"]:
+    if is_opencv(text):
+        return "opencv"
+    return "table" if MIDDLEBURY.search(text) or KITTI_LINE.search(text) else "yaml"
 
 
 def _mapping(name: str, text: str) -> Mapping[str, object]:

@@ -141,7 +141,7 @@ def test_impossible_calibrations_are_refused(tmp_path, old, new, words):
 def test_a_calibration_of_another_size_is_refused_with_the_scale():
     calibration = Calibration(500, 320, 240, 0.09, 640, 480)
     f.check_calibration(calibration, (480, 640))
-    with pytest.raises(f.FormatError, match=r"scaled by 0\.5"):
+    with pytest.raises(f.FormatError, match=r"the aspect fits a scale of 0\.5: .*--scale-calibration"):
         f.check_calibration(calibration, (240, 320))
     with pytest.raises(f.FormatError, match="640x480 px and the images are 600x480"):
         f.check_calibration(calibration, (480, 600))

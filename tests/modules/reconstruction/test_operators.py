@@ -8,7 +8,7 @@ import pytest
 
 from modules.measurement.terrain_quality import PROBE
 from modules.operator import OperatorError
-from modules.primitives.frames import mount_from_angles, level_from_body
+from modules.primitives.frames import level_from_body, mount_from_angles
 from modules.reconstruction import OPERATORS, SLOTS
 from modules.types import Attitude, Calibration, Disparity, ElevationMap, Mount, PointCloud, Scene
 
