@@ -12,13 +12,11 @@ from dataclasses import replace
 from pathlib import Path as FilePath
 
 from expert.facts import Vocabulary
-from expert.rules.cases import CaseFile, facts_of, read_cases
-from expert.rules.checks.context import Context
-from expert.rules.checks.ties import tie_warnings
-from expert.rules.checks.usage import formula_warnings, usage_warnings
+from expert.rules.cases import facts_of, read_cases
+from expert.rules.checks.catalog import warnings
+from expert.rules.checks.context import Context, GivenCase
 from expert.rules.layers import Merged
 from expert.rules.load import inspect_rules
-from expert.rules.margin import Judge, has_boundary
 from expert.rules.problem import Problem
 from expert.rules.reader import Document
 from modules.operator import Operator
@@ -27,42 +25,23 @@ from modules.probe import Probe
 _IGNORE = re.compile(r"#\s*terrex:\s*ignore\[([a-z-]+)\][ \t]*(.*)$")
 
 
-def _case_warnings(context: Context, files: Iterable[CaseFile]) -> list[Problem]:
-    """Return rules without a firing case, a quiet one, or one at a threshold."""
-    by_rule = {file.rule: [case for case, _ in file.cases] for file in files}
-    base = context.merged.base()
-    problems: list[Problem] = []
-    for rule, origin in context.merged.rules.values():
-        cases = by_rule.get(rule.id, [])
-        missing = [] if any(case.fires for case in cases) else ["where it fires"]
-        missing += [] if any(not case.fires for case in cases) else ["where it stays quiet"]
-        if has_boundary(rule, context.vocabulary) and not any(
-            Judge(base, context.vocabulary, facts_of(case)).at_boundary(rule) for case in cases
-        ):
-            missing.append("at a threshold")
-        if missing:
-            message = f"rule {rule.id} has no case {', none '.join(missing)}"
-            problems.append(origin.problem((), "missing-case", message, f"add it to knowledge/cases/{rule.id}.yaml"))
-    return problems
-
-
-def _silence(warnings: Iterable[Problem], documents: Iterable[Document]) -> list[Problem]:
+def _silence(found: Iterable[Problem], documents: Iterable[Document]) -> list[Problem]:
     """Leave out what comments silence; complain about comments without a reason or without an effect."""
     ignores: dict[tuple[str, int, str], tuple[int, int]] = {}
     kept: list[Problem] = []
     for document in documents:
         for number, line in enumerate(document.text.splitlines(), start=1):
-            found = _IGNORE.search(line)
-            if not found:
+            comment = _IGNORE.search(line)
+            if not comment:
                 continue
-            if not found[2].strip():
-                message = f"`ignore[{found[1]}]` gives no reason"
-                kept.append(Problem(document.file, number, found.start() + 1, "ignore-without-reason", message))
+            if not comment[2].strip():
+                message = f"`ignore[{comment[1]}]` gives no reason"
+                kept.append(Problem(document.file, number, comment.start() + 1, "ignore-without-reason", message))
                 continue
-            alone = not line[: found.start()].strip()
-            ignores[document.file, number + alone, found[1]] = (number, found.start() + 1)
+            alone = not line[: comment.start()].strip()
+            ignores[document.file, number + alone, comment[1]] = (number, comment.start() + 1)
     used: set[tuple[str, int, str]] = set()
-    for warning in warnings:
+    for warning in found:
         key = (warning.file, warning.line, warning.code)
         if key in ignores:
             used.add(key)
@@ -103,15 +82,14 @@ def check_rules(
     merged, errors = inspect_rules(paths, vocabulary, operators, probes, shipped=shipped)
     if errors:
         return errors
-    context = Context(merged, vocabulary, operators, probes)
-    warnings = usage_warnings(context) + formula_warnings(context) + tie_warnings(context)
+    cases_of: dict[str, list[GivenCase]] | None = None
     if with_cases:
-        files, case_errors = read_cases(merged, vocabulary, cases)
-        warnings += _case_warnings(context, files)
-        errors = case_errors
+        files, errors = read_cases(merged, vocabulary, cases)
+        cases_of = {file.rule: [GivenCase(facts_of(case), case.fires) for case, _ in file.cases] for file in files}
+    found = warnings(Context(merged, vocabulary, operators, probes, cases_of))
     documents = _documents_of_interest(merged, bool(paths) and shipped)
     names = {document.file for document in documents}
-    return sorted(errors + _silence([item for item in warnings if item.file in names], documents))
+    return sorted(errors + _silence([item for item in found if item.file in names], documents))
 
 
 def _documents_of_interest(merged: Merged, skip_first: bool) -> list[Document]:

@@ -8,7 +8,7 @@ from difflib import SequenceMatcher
 from typing import Literal, TypeVar
 
 from expert.facts import Vocabulary
-from expert.rules.checks.usage import rule_thresholds
+from expert.rules.checks.context import thresholds_in
 from expert.rules.explain import action_text, condition_text, sentence
 from expert.rules.model import Rule, RuleBase, Slot, Threshold
 
@@ -106,7 +106,7 @@ def _rule(old: Rule, new: Rule, sides: tuple[_Side, _Side]) -> list[Difference]:
 
 
 def _users(sides: Iterable[_Side], name: str) -> str:
-    users = {rule.id for side in sides for rule in side.base.rules if name in rule_thresholds(rule)}
+    users = {rule.id for side in sides for rule in side.base.rules if name in thresholds_in(rule)}
     return f" ({', '.join(sorted(users))})" if users else ""
 
 

@@ -22,6 +22,7 @@ from expert.rules.model import (
     Derive,
     FieldRef,
     FindingCondition,
+    Quantity,
     Repair,
     Set,
     Threshold,
@@ -41,7 +42,7 @@ def resolve(operand: Any, bindings: Bindings, thresholds: Thresholds) -> Scalar 
 
     Parameters
     ----------
-    operand : scalar, FieldRef, ThresholdRef or Calculation
+    operand : scalar, FieldRef, ThresholdRef, Quantity or Calculation
         What the rule file says.
     bindings : mapping of str to Fact
         The facts that aliases are bound to.
@@ -60,6 +61,8 @@ def resolve(operand: Any, bindings: Bindings, thresholds: Thresholds) -> Scalar 
     if isinstance(operand, ThresholdRef):
         threshold = thresholds.get(operand.threshold)
         return None if threshold is None else finite(threshold.value)
+    if isinstance(operand, Quantity):
+        return finite(operand.value)
     if isinstance(operand, Calculation):
         return _calculate(operand, bindings, thresholds)
     return finite(operand)

@@ -22,6 +22,7 @@ from expert.rules.model import (
     ForAll,
     Measure,
     Not,
+    Quantity,
     Repair,
     Rule,
     Set,
@@ -49,6 +50,8 @@ def operand_text(operand: Any, unit: str = "", thresholds: Mapping[str, Threshol
     if isinstance(operand, ThresholdRef):
         known = (thresholds or {}).get(operand.threshold)
         return f"the threshold {operand.threshold}" + (f" ({known.value:g}{tail})" if known else "")
+    if isinstance(operand, Quantity):
+        return f"{operand.value:g} {operand.unit}"
     if isinstance(operand, Calculation):
         name, operands = operand.operation()
         parts = [operand_text(item, "", thresholds) for item in operands]

@@ -14,7 +14,8 @@ from importlib import resources
 from pathlib import Path as FilePath
 
 from expert.facts import Vocabulary
-from expert.rules.checks import reference_problems
+from expert.rules.checks.catalog import errors
+from expert.rules.checks.context import Context
 from expert.rules.layers import Merged, merge
 from expert.rules.model import RuleBase
 from expert.rules.problem import Problem, RuleFileError
@@ -110,7 +111,7 @@ def inspect_rules(
     layers, problems = read_layers(paths, shipped=shipped)
     merged, more = merge(layers)
     problems += more
-    problems += reference_problems(merged, vocabulary, operators, probes)
+    problems += errors(Context(merged, vocabulary, operators, probes))
     return merged, sorted(set(problems))
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
 
 from expert.facts import Severity
 
@@ -46,6 +46,13 @@ class ThresholdRef(Model):
     threshold: str
 
 
+class Quantity(Model):
+    """A constant with a unit, for products: `{value: 0.1, unit: 1/px}`."""
+
+    value: float
+    unit: str
+
+
 class Calculation(Model):
     """Bounded arithmetic: exactly one operation on operands. Every operation is total."""
 
@@ -72,6 +79,8 @@ def _operand_kind(value: Any) -> str:
         return "field"
     if isinstance(value, ThresholdRef) or (isinstance(value, dict) and "threshold" in value):
         return "threshold"
+    if isinstance(value, Quantity) or (isinstance(value, dict) and "value" in value):
+        return "quantity"
     if isinstance(value, Calculation | dict):
         return "calculation"
     return "scalar"
@@ -81,6 +90,7 @@ Operand = Annotated[
     Annotated[Scalar, Tag("scalar")]
     | Annotated[FieldRef, Tag("field")]
     | Annotated[ThresholdRef, Tag("threshold")]
+    | Annotated[Quantity, Tag("quantity")]
     | Annotated[Calculation, Tag("calculation")],
     Discriminator(_operand_kind),
 ]
@@ -226,12 +236,12 @@ class Repair(Model):
     score: float = Field(0.9, ge=0, le=1)
 
 
-_ACTIONS = ("derive", "measure", "choose", "exclude", "set", "assess", "adjust", "repair")
+ACTIONS = ("derive", "measure", "choose", "exclude", "set", "assess", "adjust", "repair")
 
 
 def _action_kind(value: Any) -> str | None:
     keys = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
-    return next((kind for kind in _ACTIONS if kind in keys), None)
+    return next((kind for kind in ACTIONS if kind in keys), None)
 
 
 Action = Annotated[
@@ -256,7 +266,7 @@ class Rule(Model):
     priority: int = Field(100, ge=0, le=1000)
     when: list[Condition] = Field(min_length=1)
     then: list[Action] = Field(min_length=1)
-    because: str = Field(min_length=10)
+    because: Annotated[str, StringConstraints(strip_whitespace=True, min_length=10)]
     references: list[str] = Field(min_length=1)
 
 

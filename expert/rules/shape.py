@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from expert.rules.model import STAGES, Rule, Slot, Stage, Threshold
+from expert.rules.model import ACTIONS, STAGES, Rule, Slot, Stage, Threshold
 from expert.rules.problem import Problem, suggest
 from expert.rules.reader import Document, Path
 
@@ -84,7 +85,8 @@ def _words(error: Any) -> tuple[str, str]:
     if kind == "literal_error":
         return "unknown-value", f"is {shown}, but must be one of {limits.get('expected')}"
     if kind == "string_pattern_mismatch":
-        return "wrong-pattern", f"is {shown}, but must look like {limits.get('pattern')}"
+        pattern = str(limits.get("pattern"))
+        return "wrong-pattern", f"is {shown}, but must be {_PATTERNS.get(pattern, f'like {pattern}')}"
     if kind in ("too_short", "string_too_short"):
         return "too-short", f"is too short, at least {limits.get('min_length')} needed"
     if kind == "too_long":
@@ -98,7 +100,14 @@ def _words(error: Any) -> tuple[str, str]:
         return "wrong-type", f"is {shown}, but must be {wanted}"
     if kind == "union_tag_not_found":
         return "unknown-action", f"{shown} is no action"
-    return "wrong-shape", f"is {shown}: {error['msg'].lower()}"
+    return "wrong-type", f"is {shown}: {error['msg'].lower()}"
+
+
+_PATTERNS = {
+    "^[A-Z]{3}[0-9]{3}$": "three capital letters and three digits, e.g. COR012",
+    "^[a-z][a-z0-9-]*$": "small letters, digits and hyphens, e.g. exposure-differs-globally",
+    r"^[a-z_][a-z0-9_]*\.[a-z_][a-z0-9_]*$": "alias.field, e.g. brightness.mean_difference_dn",
+}
 
 
 def _field_name(path: Path) -> str:
@@ -130,6 +139,16 @@ def _errors(error: ValidationError, data: Any) -> Iterator[tuple[Path, Any, str]
         yield path, items[0], "a number, text, true or false" if len(items) > 1 else ""
 
 
+_ABSENT = ("missing", "too_short", "string_too_short")
+_EVIDENCE = {
+    "because": (
+        "missing-rationale",
+        ("it does not say why", "write `because:` with the reason, at least 10 characters"),
+    ),
+    "references": ("missing-reference", ("it names no source", "write `references:` with a paper or a script")),
+}
+
+
 def validate(layer: Layer, model: type[_M], data: Any, path: Path, subject: str) -> _M | None:
     """Build a model from data, or note what is wrong with the data."""
     try:
@@ -138,7 +157,11 @@ def validate(layer: Layer, model: type[_M], data: Any, path: Path, subject: str)
         for inner, item, union in _errors(error, data):
             where = subject + place_of(inner)
             full = (*path, *inner)
-            if item["type"] == "missing":
+            if len(inner) == 1 and inner[0] in _EVIDENCE and item["type"] in _ABSENT:
+                code, said = _EVIDENCE[str(inner[0])]
+                missing = item["type"] == "missing"
+                layer.complain(full[:-1] if missing else full, code, f"{where}: {said[0]}", said[1])
+            elif item["type"] == "missing":
                 layer.complain(full[:-1], "missing-key", f"{where}: {_field_name(inner)} is missing", "add it")
             elif item["type"] == "extra_forbidden":
                 known = _siblings(model, data, inner)
@@ -148,10 +171,10 @@ def validate(layer: Layer, model: type[_M], data: Any, path: Path, subject: str)
                 )  # fmt: skip
             else:
                 code, words = _words(item)
-                if union and code in ("wrong-type", "wrong-shape"):
+                if union and code == "wrong-type":
                     code, words = "wrong-type", f"is {_short(item['input'])}, but must be {union}"
                 name = "" if code == "unknown-action" else f"{_field_name(inner)} "
-                layer.complain(full, code, f"{where}: {name}{words}", _fix(code))
+                layer.complain(full, code, f"{where}: {name}{words}", _fix(code, item))
     except RecursionError:
         layer.complain(path, "too-deep", f"{subject} is nested too deep", "flatten it")
     return None
@@ -162,8 +185,23 @@ def _short(value: Any) -> str:
     return shown if len(shown) <= 60 else shown[:57] + "..."
 
 
-def _fix(code: str) -> str:
-    return {"wrong-type": "correct the value", "unknown-action": "see `terrex rules schema`"}.get(code, "")
+_OTHER_WORDS = {
+    "<": "lt", "<=": "le", ">": "gt", ">=": "ge", "=": "eq", "==": "eq", "!=": "ne", "below": "lt", "above": "gt",
+    "less": "lt", "greater": "gt", "equals": "eq", "is": "eq", "exists": "present", "missing": "absent",
+}  # fmt: skip
+
+
+def _fix(code: str, error: Any) -> str:
+    if code == "unknown-action":
+        written = [key for key in error["input"] if isinstance(key, str)] if isinstance(error["input"], dict) else []
+        near = (suggest(key, ACTIONS) for key in written)
+        return next((hint for hint in near if hint.startswith("did")), f"known: {', '.join(ACTIONS)}")
+    if code == "unknown-value":
+        options = re.findall(r"'([^']*)'", str(error.get("ctx", {}).get("expected", "")))
+        meant = _OTHER_WORDS.get(str(error["input"]).lower(), "")
+        hint = f"did you mean '{meant}'?" if meant in options else suggest(str(error["input"]), options)
+        return hint if hint.startswith("did") else ""
+    return "correct the value" if code == "wrong-type" else ""
 
 
 _INNER_KEYS = {

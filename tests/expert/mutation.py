@@ -81,7 +81,7 @@ def _values(value: Any, path: Path, thresholds: Mapping[str, Threshold]) -> Iter
             yield path, other, f"{limit} to {other:g}"
     elif isinstance(value, dict):
         for key, item in value.items():
-            if key != "field":
+            if key not in ("field", "unit"):
                 yield from _values(item, (*path, key), thresholds)
     elif isinstance(value, str):
         yield path, value + "x", f"{value} to another text"

@@ -2,14 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
-from expert.facts import FieldInfo, Vocabulary
+from expert.facts import SEVERITIES, Fact, FieldInfo, Vocabulary
 from expert.rules.layers import Merged, Origin
-from expert.rules.model import AnyOf, Calculation, Comparison, Condition, Exists, FieldRef, ForAll, Not, Rule, Threshold
-from expert.rules.problem import Problem, suggest
+from expert.rules.model import (
+    Action,
+    Adjust,
+    AnyOf,
+    Assess,
+    Calculation,
+    Choose,
+    Comparison,
+    Condition,
+    Derive,
+    Exclude,
+    Exists,
+    FieldRef,
+    FindingCondition,
+    ForAll,
+    Not,
+    Repair,
+    Rule,
+    Set,
+    Threshold,
+    ThresholdRef,
+)
+from expert.rules.problem import Problem
 from expert.rules.reader import Path
 from expert.rules.shape import place_of
 from modules.operator import Operator
@@ -17,18 +39,39 @@ from modules.probe import Probe
 
 
 @dataclass(frozen=True)
+class GivenCase:
+    """What the checks look at in a case: the facts, and whether the rule has to fire."""
+
+    facts: frozenset[Fact]
+    fires: bool
+
+
+@dataclass(frozen=True)
 class Context:
-    """What a rule base is checked against."""
+    """What a rule base is checked against.
+
+    `cases` holds the cases of each rule; None where nobody asks for cases.
+    """
 
     merged: Merged
     vocabulary: Vocabulary
     operators: Mapping[str, Operator]
     probes: Mapping[str, Probe]
+    cases: Mapping[str, Sequence[GivenCase]] | None = None
+
+    @cached_property
+    def scopes(self) -> tuple[RuleScope, ...]:
+        """The rules, each with its aliases."""
+        return tuple(RuleScope.of(self, rule, origin) for rule, origin in self.merged.rules.values())
 
     def threshold(self, name: str) -> Threshold | None:
         """Return a declared threshold."""
         found = self.merged.thresholds.get(name)
         return found[0] if found else None
+
+    def slots_of(self, stage: str) -> set[str]:
+        """Return the slots that a stage declares."""
+        return {slot for its, slot in self.merged.named_slots if its == stage}
 
 
 def each(value: Condition | list[Condition], path: Path) -> Iterator[tuple[Condition, Path]]:
@@ -66,6 +109,15 @@ def walk(rule: Rule) -> Iterator[tuple[Condition, Path, int]]:
         stack.extend(reversed(inner))
 
 
+@dataclass(frozen=True)
+class Use:
+    """An operand where it is written; `inside` says whether it may speak of aliases of `not`, `any_of` and the like."""
+
+    operand: Any
+    path: Path
+    inside: bool
+
+
 @dataclass
 class RuleScope:
     """One rule under check.
@@ -79,30 +131,55 @@ class RuleScope:
     origin: Origin
     bound: dict[str, str] = field(default_factory=dict)
     inner: dict[str, str] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
 
     @classmethod
     def of(cls, context: Context, rule: Rule, origin: Origin) -> RuleScope:
-        """Build the scope of a rule and note aliases that mean two templates."""
+        """Build the scope of a rule."""
         scope = cls(context, rule, origin)
-        for condition, path, depth in walk(rule):
-            if not isinstance(condition, Comparison):
-                continue
-            known = scope.bound.get(condition.name)
-            if known is not None and known != condition.fact:
-                message = f"alias '{condition.name}' means '{known}' and '{condition.fact}'"
-                scope.complain(path, "alias-conflict", message, "use another alias")
-            (scope.bound if depth == 0 else scope.inner).setdefault(condition.name, condition.fact)
+        for condition, _, depth in scope.conditions:
+            if isinstance(condition, Comparison):
+                (scope.bound if depth == 0 else scope.inner).setdefault(condition.name, condition.fact)
         return scope
 
-    def complain(self, path: Path, code: str, message: str, hint: str = "") -> None:
-        """Note a problem at a path inside the rule."""
-        text = f"rule {self.rule.id}{place_of(path)}: {message}"
-        self.problems.append(self.origin.problem(path, code, text, hint))
+    @cached_property
+    def conditions(self) -> tuple[tuple[Condition, Path, int], ...]:
+        """Every condition with its path and depth."""
+        return tuple(walk(self.rule))
+
+    @cached_property
+    def comparisons(self) -> tuple[tuple[Comparison, Path], ...]:
+        """Every comparison with its path."""
+        return tuple((item, path) for item, path, _ in self.conditions if isinstance(item, Comparison))
+
+    @cached_property
+    def actions(self) -> tuple[tuple[Action, Path], ...]:
+        """Every action with its path."""
+        return tuple((action, ("then", index)) for index, action in enumerate(self.rule.then))
+
+    @cached_property
+    def operands(self) -> tuple[Use, ...]:
+        """Every operand, those inside calculations included."""
+        found: list[Use] = []
+        for condition, path in self.comparisons:
+            for value, where in values_of(condition, path):
+                found += _operands(value, where, True)
+        for action, path in self.actions:
+            for value, where in parameters_of(action, path):
+                found += _operands(value, where, False)
+        return tuple(found)
+
+    def problem(self, path: Path, code: str, message: str, hint: str = "") -> Problem:
+        """Return a problem at a path inside the rule."""
+        return self.origin.problem(path, code, f"rule {self.rule.id}{place_of(path)}: {message}", hint)
 
     def template_of(self, alias: str, *, inside: bool) -> str | None:
         """Return the template an alias stands for."""
         return self.bound.get(alias) or (self.inner.get(alias) if inside else None)
+
+    def info(self, condition: Comparison) -> FieldInfo | None:
+        """Return what the vocabulary knows of the field of a comparison."""
+        template = self.context.vocabulary.get(condition.fact)
+        return template.fields.get(condition.field or "") if template else None
 
     def field_of(self, reference: FieldRef, *, inside: bool = True) -> FieldInfo | None:
         """Return what the vocabulary knows of a referenced field."""
@@ -110,43 +187,91 @@ class RuleScope:
         template = self.context.vocabulary.get(self.template_of(alias, inside=inside) or "")
         return template.fields.get(name) if template else None
 
-    def check_field_ref(self, reference: FieldRef, path: Path, *, inside: bool) -> None:
-        """Complain about a reference to an unknown alias or field."""
-        alias, name = reference.field.split(".")
-        template = self.template_of(alias, inside=inside)
-        if template is None:
-            known = set(self.bound) | (set(self.inner) if inside else set())
-            message = f"nothing is called '{alias}' here"
-            self.complain(path, "unknown-alias", message, suggest(alias, known) or "bind it with `as:` in a condition")
-            return
-        info = self.context.vocabulary.get(template)
-        if info is not None and name not in info.fields:
-            message = f"fact '{template}' has no field '{name}'"
-            self.complain(path, "unknown-field", message, suggest(name, info.fields))
 
-    def check_threshold(self, name: str, path: Path) -> None:
-        """Complain about a threshold that is not declared."""
-        known = self.context.merged.named_thresholds
-        if name not in known:
-            hint = suggest(name, known) or "declare it under `thresholds`"
-            self.complain(path, "undefined-threshold", f"threshold '{name}' is not declared", hint)
+def values_of(condition: Comparison, path: Path) -> Iterator[tuple[Any, Path]]:
+    """Yield what a comparison compares with: its value, or each of a list, with its path."""
+    if isinstance(condition.value, list):
+        for index, item in enumerate(condition.value):
+            yield item, (*path, "value", index)
+    elif condition.value is not None:
+        yield condition.value, (*path, "value")
 
-    def check_operand(self, operand: Any, path: Path, *, inside: bool) -> None:
-        """Complain about unknown names and malformed arithmetic in an operand."""
-        if isinstance(operand, FieldRef):
-            self.check_field_ref(operand, (*path, "field"), inside=inside)
-        elif isinstance(operand, Calculation):
-            names = sorted(operand.model_fields_set)
-            if len(names) != 1 or getattr(operand, names[0]) is None:
-                message = f"a calculation needs exactly one operation, not {', '.join(names) or 'none'}"
-                self.complain(path, "bad-calculation", message, "nest calculations to combine operations")
-                return
-            name, operands = operand.operation()
-            is_list = isinstance(getattr(operand, name), list)
-            for index, item in enumerate(operands):
-                inner: Path = (*path, name, index) if is_list else (*path, name)
-                if isinstance(item, str):
-                    self.complain(inner, "wrong-type", f"{name} cannot calculate with text '{item}'", "use a number")
-                self.check_operand(item, inner, inside=inside)
-        elif hasattr(operand, "threshold"):
-            self.check_threshold(operand.threshold, (*path, "threshold"))
+
+def parameters_of(action: Action, path: Path) -> Iterator[tuple[Any, Path]]:
+    """Yield the operands of an action with their paths."""
+    if isinstance(action, Choose | Repair):
+        for name, operand in action.with_.items():
+            yield operand, (*path, "with", name)
+    elif isinstance(action, Set):
+        yield action.to, (*path, "to")
+
+
+def _operands(operand: Any, path: Path, inside: bool) -> Iterator[Use]:
+    yield Use(operand, path, inside)
+    if isinstance(operand, Calculation) and one_operation(operand):
+        for item, where in parts_of(operand, path):
+            yield from _operands(item, where, inside)
+
+
+def one_operation(calculation: Calculation) -> bool:
+    """Say whether a calculation says exactly one thing to do."""
+    names = calculation.model_fields_set
+    return len(names) == 1 and getattr(calculation, next(iter(names))) is not None
+
+
+def parts_of(calculation: Calculation, path: Path) -> Iterator[tuple[Any, Path]]:
+    """Yield the operands of a calculation with their paths."""
+    name, operands = calculation.operation()
+    listed = isinstance(getattr(calculation, name), list)
+    for index, item in enumerate(operands):
+        yield item, (*path, name, index) if listed else (*path, name)
+
+
+def named_operators(action: Action, path: Path) -> Iterator[tuple[str, Path, bool]]:
+    """Yield the operator an action names, its path, and whether it may belong to an earlier stage."""
+    for kind, key in ((Choose, "choose"), (Repair, "repair"), (Exclude, "exclude"), (Set, "set"), (Adjust, "adjust")):
+        if isinstance(action, kind):
+            name = getattr(action, key)
+            if name != "none" or not isinstance(action, Choose | Repair):
+                yield name, (*path, key), isinstance(action, Repair | Adjust)
+
+
+def thresholds_in(rule: Rule) -> set[str]:
+    """Return the named thresholds that a rule uses."""
+    found: set[str] = set()
+    for condition, path, _ in walk(rule):
+        if isinstance(condition, Comparison):
+            for value, where in values_of(condition, path):
+                found |= {
+                    use.operand.threshold
+                    for use in _operands(value, where, True)
+                    if isinstance(use.operand, ThresholdRef)
+                }
+    for index, action in enumerate(rule.then):
+        for value, where in parameters_of(action, ("then", index)):
+            found |= {
+                use.operand.threshold for use in _operands(value, where, True) if isinstance(use.operand, ThresholdRef)
+            }
+    return found
+
+
+def derived_by(rule: Rule) -> dict[str, str]:
+    """Return the findings that a rule derives, with the severity of each."""
+    found: dict[str, str] = {}
+    for action in rule.then:
+        if isinstance(action, Derive | Assess):
+            name = action.derive if isinstance(action, Derive) else action.assess
+            if SEVERITIES.index(action.severity) >= SEVERITIES.index(found.get(name, SEVERITIES[0])):
+                found[name] = action.severity
+    return found
+
+
+def asked_by(rule: Rule) -> set[str]:
+    """Return the findings that a rule asks for, positively or not."""
+    found: set[str] = set()
+    for condition, path, _ in walk(rule):
+        if isinstance(condition, FindingCondition):
+            found.add(condition.finding)
+        elif isinstance(condition, Comparison) and condition.fact == "finding" and condition.field == "name":
+            found |= {value for value, _ in values_of(condition, path) if isinstance(value, str)}
+    return found

@@ -1,23 +1,83 @@
-"""Check parameters of operators: names, literal values against the model, computed ones by interval arithmetic."""
+"""What is known of the parameters of operators, and which values a formula can take."""
 
 from __future__ import annotations
 
 import math
 import types
 import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
 
-from expert.rules.checks.context import RuleScope
+from expert.rules.checks.context import Context, RuleScope, one_operation
 from expert.rules.layers import Origin
-from expert.rules.model import Adjust, Calculation, FieldRef, Slot, ThresholdRef
-from expert.rules.problem import Problem, suggest
+from expert.rules.model import Calculation, Choose, FieldRef, Quantity, Repair, Set, ThresholdRef
+from expert.rules.problem import Problem
 from expert.rules.reader import Path
 from modules.operator import Operator, OperatorParams
 
 Interval = tuple[float, float]
 _EVERYTHING: Interval = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A parameter that a rule or a slot gives an operator, where it is written and who speaks.
+
+    `scope` is None for the default of a slot, whose values are plain.
+    """
+
+    operator: Operator
+    parameter: str
+    operand: Any
+    path: Path
+    name_path: Path
+    scope: RuleScope | None
+    origin: Origin
+    slot: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether the operator has such a parameter."""
+        return self.parameter in self.operator.params.model_fields
+
+    @property
+    def label(self) -> str:
+        """The parameter in words."""
+        return f"parameter '{self.parameter}' of '{self.operator.name}'"
+
+    def problem(self, code: str, message: str, hint: str, *, at_name: bool = False) -> Problem:
+        """Return a problem at the value, or at the name of the parameter."""
+        path = self.name_path if at_name else self.path
+        if self.scope is not None:
+            return self.scope.problem(path, code, message, hint)
+        return self.origin.problem(path, code, f"slot {self.slot}: {message}", hint)
+
+
+def assignments(context: Context) -> Iterator[Assignment]:
+    """Yield every parameter that rules and slots give to operators that exist."""
+    for scope in context.scopes:
+        for action, path in scope.actions:
+            if isinstance(action, Choose | Repair):
+                name = action.choose if isinstance(action, Choose) else action.repair
+                operator = context.operators.get(name)
+                for parameter, operand in action.with_.items() if operator else ():
+                    where = (*path, "with", parameter)
+                    yield Assignment(
+                        typing.cast(Operator, operator), parameter, operand, where, where, scope, scope.origin
+                    )
+            elif isinstance(action, Set) and action.set in context.operators:
+                operator = context.operators[action.set]
+                yield Assignment(
+                    operator, action.parameter, action.to, (*path, "to"), (*path, "parameter"), scope, scope.origin
+                )
+    for slot, origin in context.merged.slots.values():
+        operator = context.operators.get(slot.default)
+        for parameter, value in slot.with_.items() if operator else ():
+            where = ("with", parameter)
+            yield Assignment(typing.cast(Operator, operator), parameter, value, where, where, None, origin, slot.slot)
 
 
 def limits_of(model: type[OperatorParams], name: str) -> Interval:
@@ -33,9 +93,10 @@ def limits_of(model: type[OperatorParams], name: str) -> Interval:
     return low, high
 
 
-def _is_numeric(annotation: Any) -> bool:
+def is_numeric(annotation: Any) -> bool:
+    """Say whether a parameter is a number."""
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
-        return any(_is_numeric(part) for part in typing.get_args(annotation))
+        return any(is_numeric(part) for part in typing.get_args(annotation))
     return annotation in (int, float)
 
 
@@ -74,27 +135,29 @@ def _combine(name: str, parts: list[Interval]) -> Interval:
     return low, high
 
 
-def interval_of(scope: RuleScope, operand: Any) -> Interval | None:
+def interval_of(scope: RuleScope, operand: Any, *, inside: bool = False) -> Interval | None:
     """Return the values an operand can take, or None when it is no number."""
     if isinstance(operand, bool | str):
         return None
     if isinstance(operand, int | float):
         return float(operand), float(operand)
+    if isinstance(operand, Quantity):
+        return operand.value, operand.value
     if isinstance(operand, ThresholdRef):
         threshold = scope.context.threshold(operand.threshold)
         return (threshold.value, threshold.value) if threshold else _EVERYTHING
     if isinstance(operand, FieldRef):
-        info = scope.field_of(operand, inside=False)
+        info = scope.field_of(operand, inside=inside)
         if info is None:
             return _EVERYTHING
         if info.kind not in ("number", "integer"):
             return None
         return (-math.inf if info.ge is None else info.ge, math.inf if info.le is None else info.le)
     if isinstance(operand, Calculation):
-        if len(operand.model_fields_set) != 1:
+        if not one_operation(operand):
             return _EVERYTHING
         name, operands = operand.operation()
-        parts = [interval_of(scope, item) for item in operands]
+        parts = [interval_of(scope, item, inside=inside) for item in operands]
         known = [part for part in parts if part is not None]
         return _combine(name, known) if len(known) == len(parts) else None
     return None
@@ -117,80 +180,17 @@ def _validation_words(error: Any, label: str) -> tuple[str, str]:
     return "wrong-type", f"{label} is {value!r}: {message[:1].lower()}{message[1:]}"
 
 
-def validation_faults(operator: Operator, values: dict[str, Any]) -> list[tuple[str, str, str]]:
-    """Return (parameter, code, sentence) for every literal that the operator's model refuses."""
-    known = {name: value for name, value in values.items() if name in operator.params.model_fields}
+def validation_fault(item: Assignment) -> tuple[str, str] | None:
+    """Return code and sentence for a plain value that the model of an operator refuses."""
     try:
-        operator.params(**known)
+        item.operator.params(**{item.parameter: item.operand})
     except ValidationError as error:
-        faults: dict[str, tuple[str, str, str]] = {}
-        for item in error.errors(include_url=False):
-            name = str(item["loc"][0]) if item["loc"] else ""
-            if name in known:
-                faults.setdefault(name, (name, *_validation_words(item, f"parameter '{name}' of '{operator.name}'")))
-        return list(faults.values())
-    return []
+        for found in error.errors(include_url=False):
+            if found["loc"] and found["loc"][0] == item.parameter:
+                return _validation_words(found, item.label)
+    return None
 
 
-def check_parameter(
-    scope: RuleScope, operator: Operator, name: str, operand: Any, path: Path, name_path: Path | None = None
-) -> None:
-    """Check one parameter that a rule gives an operator."""
-    if name not in operator.params.model_fields:
-        message = f"operator '{operator.name}' has no parameter '{name}'"
-        scope.complain(name_path or path, "unknown-parameter", message, suggest(name, operator.params.model_fields))
-        return
-    if isinstance(operand, bool | int | float | str):
-        for _, code, message in validation_faults(operator, {name: operand}):
-            scope.complain(path, code, message, "correct the value")
-        return
-    interval = interval_of(scope, operand)
-    low, high = limits_of(operator.params, name)
-    numeric = _is_numeric(operator.params.model_fields[name].annotation)
-    label = f"parameter '{name}' of '{operator.name}'"
-    if numeric and interval is None:
-        scope.complain(path, "wrong-type", f"{label} is a number, but the value is not", "give it a number")
-    elif not numeric and isinstance(operand, Calculation):
-        scope.complain(path, "wrong-type", f"{label} is not a number, but the value is calculated", "give it a value")
-    elif numeric and interval is not None and (interval[1] < low or interval[0] > high):
-        message = f"{label} would be {interval[0]:g} to {interval[1]:g}, but must be {low:g} to {high:g}"
-        scope.complain(path, "out-of-range", message, "correct the formula")
-
-
-def check_adjust(scope: RuleScope, operator: Operator | None, action: Adjust, path: Path) -> None:
-    """Check a bounded step of a parameter."""
-    if (action.by is None) == (action.times is None):
-        scope.complain(path, "missing-key", "an adjustment needs either `by` or `times`", "give one of them")
-    if action.at_least is not None and action.at_most is not None and action.at_least > action.at_most:
-        message = f"{action.at_least:g} to {action.at_most:g} is an empty range"
-        scope.complain((*path, "at_most"), "empty-range", message, "write the smaller value under `at_least`")
-    if operator is None:
-        return
-    if action.parameter not in operator.params.model_fields:
-        message = f"operator '{operator.name}' has no parameter '{action.parameter}'"
-        hint = suggest(action.parameter, operator.params.model_fields)
-        scope.complain((*path, "parameter"), "unknown-parameter", message, hint)
-        return
-    if not _is_numeric(operator.params.model_fields[action.parameter].annotation):
-        message = f"parameter '{action.parameter}' of '{operator.name}' is not a number"
-        scope.complain((*path, "parameter"), "wrong-type", message, "repair with another value instead")
-        return
-    low, high = limits_of(operator.params, action.parameter)
-    for key, value in (("at_least", action.at_least), ("at_most", action.at_most)):
-        if value is not None and not low <= value <= high:
-            message = f"'{key}' is {value:g}, but '{action.parameter}' must be {low:g} to {high:g}"
-            scope.complain((*path, key), "out-of-range", message, "correct the limit")
-
-
-def check_slot_values(operator: Operator, slot: Slot, origin: Origin) -> list[Problem]:
-    """Check the parameters of a slot's default."""
-    problems: list[Problem] = []
-    for name in slot.with_:
-        if name not in operator.params.model_fields:
-            message = f"slot {slot.slot}: operator '{operator.name}' has no parameter '{name}'"
-            hint = suggest(name, operator.params.model_fields)
-            problems.append(origin.problem(("with", name), "unknown-parameter", message, hint))
-    for name, code, message in validation_faults(operator, dict(slot.with_)):
-        text = f"slot {slot.slot}: {message}"
-        problems.append(origin.problem(("with", name), code, text, "correct the value"))
-    return problems
+def plain(operand: Any) -> bool:
+    """Say whether an operand is a literal."""
+    return isinstance(operand, bool | int | float | str)

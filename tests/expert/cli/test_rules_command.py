@@ -16,7 +16,7 @@ rules:
     name: under-test
     stage: correction
     when: [{fact: task, field: profile, op: eq, value: fast}]
-    then: [{derive: slow}]
+    then: [{derive: slow, severity: critical}]
     because: A reason that is long enough.
     references: [none]
 """
@@ -98,7 +98,7 @@ def test_a_failing_case_leaves_with_1_and_says_why(rules, cases):
 
 def test_explain_and_show_tell_where_a_rule_comes_from(rules):
     result = invoke("explain", "COR901", "--rules", rules)
-    assert "when the profile of task is fast: note the minor finding slow" in result.output
+    assert "when the profile of task is fast: note the critical finding slow" in result.output
     assert f"{rules}:6" in invoke("show", "--layers", "--rules", rules).output
 
 

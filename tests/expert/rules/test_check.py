@@ -75,15 +75,42 @@ def test_a_tie_is_reported_unless_the_conditions_exclude_each_other(check, good_
 
 
 def test_a_formula_that_may_leave_its_range_is_reported(check, good_text):
-    rule = RULE.format(
-        id="COR003", when="{fact: brightness}",
-        then="{choose: correction.gain, with: {radius_px: {add: [{field: brightness.sigma_dn}, 1]}}}",
-    )  # fmt: skip
-    assert sorted(codes(check(good_text + rule, with_cases=False))) == ["may-exceed", "not-whole"]
-    bounded = rule.replace(
-        "{add: [{field: brightness.sigma_dn}, 1]}", "{round: {clamp: [{field: brightness.sigma_dn}, 1, 20]}}"
+    pixels = "{mul: [{field: brightness.sigma_dn}, {value: 1, unit: px/dn}]}"
+
+    def with_radius(formula):
+        then = f"{{choose: correction.gain, with: {{radius_px: {formula}}}}}"
+        return check(good_text + RULE.format(id="COR003", when="{fact: brightness}", then=then), with_cases=False)
+
+    assert sorted(codes(with_radius(f"{{add: [{pixels}, 1]}}"))) == ["may-exceed", "not-whole"]
+    assert with_radius(f"{{round: {{clamp: [{pixels}, 1, 20]}}}}") == []
+
+
+@pytest.mark.parametrize(
+    ("formula", "message"),
+    [
+        ("{field: brightness.sigma_dn}", "'radius_px' of 'correction.gain' is in px, but the value is in dn"),
+        ("{add: [{field: brightness.sigma_dn}, {value: 1, unit: px}]}", "the formula mixes dn and px"),
+        ("{max: [{threshold: large_offset}, {field: brightness.clipped_fraction}]}", "the formula mixes dn and 1"),
+        ("{mul: [{field: brightness.sigma_dn}, {field: brightness.sigma_dn}]}", "but the value is in dn2"),
+        ("{div: [{field: brightness.sigma_dn}, {value: 2, unit: dn/px}]}", ""),
+        ("{mul: [2, {value: 3, unit: px}]}", ""),
+        ("{value: 3, unit: pixel-ish}", "'pixel-ish' is not a unit"),
+    ],
+)
+def test_units_are_followed_through_formulas(check, good_text, formula, message):
+    then = f"{{choose: correction.gain, with: {{radius_px: {{round: {{clamp: [{formula}, 1, 20]}}}}}}}}"
+    problems = check(good_text + RULE.format(id="COR003", when="{fact: brightness}", then=then), with_cases=False)
+    assert codes(problems) == (["wrong-unit"] if message else [])
+    assert not message or message in problems[0].message
+
+
+def test_units_are_followed_through_the_formulas_of_conditions(check, good_text):
+    when = (
+        "{fact: brightness, as: b, field: offset_dn, op: gt, value: {mul: [{field: b.sigma_dn}, {value: 2, unit: px}]}}"
     )
-    assert check(good_text + bounded, with_cases=False) == []
+    text = RULE.format(id="COR003", when=when, then="{measure: measurement.sides}")
+    (problem,) = check(good_text + text, with_cases=False)
+    assert problem.message.endswith("'offset_dn' is in dn, what it is compared with in dn px")
 
 
 def test_a_comment_with_a_reason_silences_one_warning(check, good_text):

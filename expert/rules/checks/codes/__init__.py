@@ -1,0 +1,1 @@
+"""One file per code that a check can report."""

@@ -1,0 +1,7 @@
+"""One bad and one good example of every code; they are read as data, by tests and by the reference pages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+EXAMPLES = Path(__file__).parent
