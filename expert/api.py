@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import platform
 from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +19,7 @@ from expert.result import Result
 from expert.rules.load import load_rules
 from expert.rules.model import STAGES
 from expert.supervise import Knowledge, Run, StepFailed
+from expert.versions import versions
 from modules.catalog import operators, probes
 from modules.measurement.sample import Sample
 from modules.types import Matching, Mount, Scene, Views
@@ -221,7 +220,7 @@ class ExpertSystem:
             trials=tuple(run.trials),
             notes=tuple(run.notes),
             engine=self._knowledge.engine.name,
-            versions=_versions(),
+            versions=versions(),
             timings_s={name: round(seconds, 6) for name, seconds in run.timings_s.items()},
         )
 
@@ -262,13 +261,3 @@ def _digest(pair: StereoPair) -> str:
     mount = None if pair.mount is None else (pair.mount.rotation.tolist(), pair.mount.translation_m)
     digest.update(repr((pair.disparity_range_px, pair.calibration, pair.attitude, mount)).encode())
     return digest.hexdigest()
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in ("terrex", "experta", "numpy", "opencv-python-headless", "numba"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found

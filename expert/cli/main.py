@@ -178,8 +178,10 @@ def simulate(
 
 def main() -> None:
     """Run the command line; faults of the input end with exit code 2 and a sentence."""
+    from expert.cli.batch import batch
     from expert.cli.evaluate import evaluate
     from expert.cli.explain import explain
+    from expert.cli.log import log
     from expert.cli.report import report
     from expert.cli.rules import app as rules_app
     from expert.firing import RunawayRuleBase
@@ -189,6 +191,8 @@ def main() -> None:
     from modules.formats import FormatError
 
     if not any(group.name == "rules" for group in app.registered_groups):
+        app.command()(batch)
+        app.command()(log)
         app.command()(evaluate)
         app.command()(explain)
         app.command()(report)

@@ -1,0 +1,157 @@
+"""Manifests: the pairs of a batch as CSV with a header, or as JSON lines."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from expert.batch.item import BatchItem
+from modules.formats.errors import FormatError
+
+REQUIRED = ("left", "right")
+ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
+RANGE = ("min_disparity_px", "max_disparity_px")
+COLUMNS = ("name", *REQUIRED, "calibration", "attitude", *ANGLES, *RANGE)
+MOST_PROBLEMS = 100
+Line = tuple[int, Mapping[str, object]]
+
+
+class ManifestError(FormatError):
+    """A manifest with errors; the message lists them by line."""
+
+
+def read_manifest(path: Path) -> list[BatchItem]:
+    """Read a manifest.
+
+    Parameters
+    ----------
+    path : Path
+        `.csv` with a header, or `.jsonl`. Columns: `left`, `right` (paths, relative to the manifest), and optionally
+        `name`, `calibration`, `attitude` (paths), `roll_deg`, `pitch_deg`, `yaw_deg`, `min_disparity_px`,
+        `max_disparity_px`. Empty values are absent.
+
+    Raises
+    ------
+    ManifestError
+        All problems, each with its line.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="surrogateescape")
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check the path") from error
+    problems: list[str] = []
+    lines = _json_lines(text, problems) if path.suffix.lower() in (".jsonl", ".ndjson") else _csv_lines(text, problems)
+    items: list[BatchItem] = []
+    taken: dict[str, int] = {}
+    for number, values in lines:
+        found: list[str] = []
+        item = _item(path.parent, values, found)
+        if item is not None:
+            if item.name in taken:
+                found.append(f"the name {item.name!r} stands in line {taken[item.name]} already; give another name")
+            taken.setdefault(item.name, number)
+            items.append(item)
+        problems += [f"line {number}: {problem}" for problem in found]
+    if not items and not problems:
+        problems.append("line 1: there is no pair; give a header with left and right, and a line per pair")
+    if problems:
+        shown = problems[:MOST_PROBLEMS]
+        if len(problems) > len(shown):
+            shown.append(f"and {len(problems) - len(shown)} more problems")
+        raise ManifestError("\n".join(f"{path}: {problem}" for problem in shown))
+    return items
+
+
+def _csv_lines(text: str, problems: list[str]) -> Iterator[Line]:
+    reader = csv.reader(text.splitlines(keepends=True))
+    try:
+        header = [name.strip() for name in next(reader, [])]
+    except csv.Error as error:
+        problems.append(f"line 1: {error}")
+        return
+    missing = [name for name in REQUIRED if name not in header]
+    unknown = [name for name in header if name not in COLUMNS]
+    if missing or unknown:
+        said = [f"column {name!r} is missing" for name in missing] + [f"column {name!r} is unknown" for name in unknown]
+        problems.append(f"line 1: {'; '.join(said)}; known: {', '.join(COLUMNS)}")
+        return
+    line = reader.line_num + 1
+    try:
+        for row in reader:
+            if row and len(row) != len(header):
+                problems.append(f"line {line}: {len(row)} values and {len(header)} columns; quote values with commas")
+            elif row:
+                yield line, {name: value for name, value in zip(header, row, strict=True) if value != ""}
+            line = reader.line_num + 1
+    except csv.Error as error:
+        problems.append(f"line {line}: {error}")
+
+
+def _json_lines(text: str, problems: list[str]) -> Iterator[Line]:
+    for number, line in enumerate(text.split("\n"), 1):
+        if not line.strip():
+            continue
+        try:
+            values = json.loads(line)
+        except ValueError as error:
+            problems.append(f"line {number}: not JSON ({error})")
+            continue
+        if not isinstance(values, dict):
+            problems.append(f"line {number}: {type(values).__name__} where an object with left and right is expected")
+            continue
+        unknown = [name for name in values if name not in COLUMNS]
+        if unknown:
+            problems.append(f"line {number}: {', '.join(map(repr, unknown))} unknown; known: {', '.join(COLUMNS)}")
+        yield number, {name: value for name, value in values.items() if value is not None and name in COLUMNS}
+
+
+def _item(home: Path, values: Mapping[str, object], problems: list[str]) -> BatchItem | None:
+    paths: dict[str, Path] = {}
+    for name in (*REQUIRED, "calibration", "attitude"):
+        if name not in values:
+            if name in REQUIRED:
+                problems.append(f"{name} is missing; give the path of the {name} image")
+            continue
+        path = home / str(values[name])
+        if not path.is_file():
+            problems.append(f"{name} {str(values[name])!r} is no file; paths are relative to the manifest")
+        paths[name] = path
+    angles = [_number(values, name, problems) for name in ANGLES]
+    ends = [_number(values, name, problems) for name in RANGE]
+    if (ends[0] is None) != (ends[1] is None):
+        problems.append("only one end of the disparity range is given; give min_disparity_px and max_disparity_px")
+    known = [int(end) for end in ends if end is not None]
+    if len(known) == 2 and known[1] <= known[0]:
+        problems.append(f"disparity range {known[0]} {known[1]} is empty; the second number must be larger")
+    if any(angle is not None for angle in angles) and "attitude" in paths:
+        problems.append("an attitude file and angles are given; give one of them")
+    if not all(name in paths for name in REQUIRED):
+        return None
+    turned = any(angle is not None for angle in angles)
+    return BatchItem(
+        str(values.get("name", Path(str(values["left"])).with_suffix(""))),
+        paths["left"],
+        paths["right"],
+        paths.get("calibration"),
+        paths.get("attitude"),
+        (angles[0] or 0.0, angles[1] or 0.0, angles[2] or 0.0) if turned else None,
+        (known[0], known[1]) if len(known) == 2 else None,
+    )
+
+
+def _number(values: Mapping[str, object], name: str, problems: list[str]) -> float | None:
+    if name not in values:
+        return None
+    try:
+        value = float(str(values[name]))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        problems.append(f"{name} {values[name]!r} is no number")
+        return None
+    if name in RANGE and value != int(value):
+        problems.append(f"{name} {values[name]!r} is no whole number of px")
+    return value

@@ -1,0 +1,188 @@
+"""The page of a batch: all pairs, the rules that fired, facts over the sequence, outliers; from the log alone."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+
+from expert.batch.runlog import NAME, RunLog
+from modules.formats._text import write_text
+
+PAGE = "index.html"
+OUTLIER = 5.0  # robust standard deviations from the median of the batch
+MOST_OUTLIERS = 50
+FEWEST_PAIRS = 8  # below this a spread says little
+WIDTH, HEIGHT = 240, 40
+WATCHED = (  # facts whose drift over a sequence tells of cameras that change
+    "brightness.mean_difference_dn",
+    "brightness.gain",
+    "noise.left_sigma_dn",
+    "noise.right_sigma_dn",
+    "sharpness.ratio",
+    "row_alignment.offset_px",
+    "disparity_range[estimated, positive].max_px",
+    "disparity_quality.density_fraction",
+    "disparity_quality.score",
+)
+
+
+@dataclass(frozen=True)
+class PairLine:
+    """One row of the table of pairs."""
+
+    name: str
+    status: str
+    reason: str
+    score: float | None
+    seconds: float
+    rules: str
+    report: str
+    thumbnail: str
+
+
+@dataclass(frozen=True)
+class Drift:
+    """One fact over the pairs in the order of their names."""
+
+    fact: str
+    least: float
+    median: float
+    most: float
+    points: str
+    slope: float  # change over the whole batch in robust standard deviations
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A fact of one pair far from the rest of the batch."""
+
+    pair: str
+    fact: str
+    value: float
+    median: float
+    deviations: float
+
+
+def _pairs(log: RunLog, out: Path) -> list[PairLine]:
+    _, rows = log.query(
+        "SELECT r.pair, r.folder, r.status, r.reason, r.score, r.seconds, (SELECT group_concat(rule, ' ') FROM "
+        "(SELECT DISTINCT rule FROM firings f WHERE f.result = r.result ORDER BY rule)) FROM results r "
+        "WHERE r.latest = 1 ORDER BY r.pair"
+    )
+    found = []
+    for name, folder, status, reason, score, seconds, rules in rows:
+        home = f"pairs/{quote(str(folder))}"
+        files = out / "pairs" / str(folder)
+        report = f"{home}/report.html" if folder and (files / "report.html").is_file() else ""
+        picture = f"{home}/disparity_view.png" if folder and (files / "disparity_view.png").is_file() else ""
+        found.append(
+            PairLine(
+                str(name),
+                str(status),
+                str(reason),
+                None if score is None else float(str(score)),
+                float(str(seconds)),
+                str(rules or ""),
+                report,
+                picture,
+            )
+        )
+    return found
+
+
+def _facts(log: RunLog) -> dict[str, list[tuple[str, float]]]:
+    _, rows = log.query(
+        "SELECT f.fact, r.pair, f.value FROM facts f JOIN results r USING (result) WHERE r.latest = 1 ORDER BY r.pair"
+    )
+    found: dict[str, list[tuple[str, float]]] = {}
+    for fact, pair, value in rows:
+        found.setdefault(str(fact), []).append((str(pair), float(str(value))))
+    return found
+
+
+def _spread(values: Sequence[float]) -> tuple[float, float]:
+    """Return median and robust standard deviation."""
+    median = float(np.median(values))
+    return median, 1.4826 * float(np.median(np.abs(np.asarray(values) - median)))
+
+
+def drifts(facts: dict[str, list[tuple[str, float]]]) -> list[Drift]:
+    """Return the watched facts over the batch."""
+    found = []
+    for name in WATCHED:
+        values = [value for _, value in facts.get(name, [])]
+        if len(values) < FEWEST_PAIRS:
+            continue
+        median, spread = _spread(values)
+        low, high = min(values), max(values)
+        scale = (HEIGHT - 4) / max(high - low, 1e-12)
+        step = WIDTH / (len(values) - 1)
+        points = " ".join(f"{i * step:.1f},{HEIGHT - 2 - (v - low) * scale:.1f}" for i, v in enumerate(values))
+        slope = float(np.polyfit(np.linspace(0, 1, len(values)), values, 1)[0]) / max(spread, 1e-12)
+        found.append(Drift(name, low, median, high, points, slope if spread > 0 else 0.0))
+    return found
+
+
+def outliers(facts: dict[str, list[tuple[str, float]]]) -> list[Outlier]:
+    """Return the facts that lie far from the rest of the batch, the farthest first."""
+    found = []
+    for name, items in facts.items():
+        if len(items) < FEWEST_PAIRS:
+            continue
+        median, spread = _spread([value for _, value in items])
+        if spread <= 0:
+            continue
+        found += [
+            Outlier(pair, name, value, median, (value - median) / spread)
+            for pair, value in items
+            if abs(value - median) > OUTLIER * spread
+        ]
+    return sorted(found, key=lambda item: -abs(item.deviations))[:MOST_OUTLIERS]
+
+
+def write_page(out: Path) -> Path:
+    """Write `index.html` of a batch from its log; return its path."""
+    log = RunLog(out / NAME, read_only=True)
+    facts = _facts(log)
+    _, rules = log.query(
+        "SELECT f.rule, count(DISTINCT f.result) FROM firings f JOIN results r USING (result) WHERE r.latest = 1 "
+        "GROUP BY f.rule ORDER BY 2 DESC, 1"
+    )
+    _, counts = log.query("SELECT status, count(*) FROM results WHERE latest = 1 GROUP BY status ORDER BY 2 DESC")
+    write_text(out / PAGE, _render(_pairs(log, out), rules, counts, drifts(facts), outliers(facts)))
+    return out / PAGE
+
+
+def _render(
+    pairs: Sequence[PairLine],
+    rules: Sequence[tuple[object, ...]],
+    counts: Sequence[tuple[object, ...]],
+    drift: Sequence[Drift],
+    outlying: Sequence[Outlier],
+) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    loader = PackageLoader("expert.batch", "")
+    environment = Environment(
+        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    style, script = (loader.get_source(environment, f"batch.{kind}")[0] for kind in ("css", "js"))
+    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+    return environment.get_template("batch.html.j2").render(
+        pairs=pairs,
+        rules=rules,
+        counts=counts,
+        drift=drift,
+        outlying=outlying,
+        size=(WIDTH, HEIGHT),
+        style=Markup(style),
+        script=Markup(script),
+        script_hash=f"sha256-{digest}",
+    )

@@ -1,0 +1,245 @@
+"""Run a batch: find out what is still to be done, do it, and lose nothing whatever happens."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sqlite3
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from expert.batch.cluster import Transfer, run_on_cluster
+from expert.batch.item import BatchItem
+from expert.batch.local import Limits, run_here
+from expert.batch.runlog import NAME, Latest, RunLog
+from expert.batch.work import PROCESSED, Outcome, Settings, inputs_digest, settings_digest, stamp
+from expert.versions import versions
+from modules.formats.atomic import MARK
+from modules.formats.errors import FormatError
+
+Resume = Literal["ask", "redo", "keep"]
+PAIRS = "pairs"  # folder of the products
+LOCK = "lock.sqlite"
+
+
+class ChangedSettings(Exception):
+    """Pairs were processed with other rules or versions, and nobody said what to do about it."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a batch will do, and why.
+
+    Attributes
+    ----------
+    todo : tuple of (BatchItem, str)
+        Items to process, and why: `new`, `unfinished`, `input changed`, `rules or versions changed`, `failed before`.
+    done : int
+        Items that need nothing.
+    """
+
+    todo: tuple[tuple[BatchItem, str], ...]
+    done: int
+
+
+@dataclass
+class Progress:
+    """How far a batch is."""
+
+    total: int
+    done: int = 0
+    failed: int = 0
+    not_processed: int = 0
+
+
+class Batch:
+    """A batch and its folder.
+
+    Parameters
+    ----------
+    items : sequence of BatchItem
+    out : Path
+        Gets `run.sqlite` and `pairs/<name>/`.
+    settings : Settings
+
+    Raises
+    ------
+    FormatError
+        The folder holds something else.
+    expert.rules.problem.RuleFileError
+        A rule file is wrong.
+    """
+
+    def __init__(self, items: Sequence[BatchItem], out: Path, settings: Settings, source: str = "") -> None:
+        self.items = tuple(settings.complete(item) for item in items)
+        self.out, self.settings, self.source = out, settings, source
+        _check_out(out)
+        self.versions = versions()
+        self.rules_digest = settings.system().rules_digest
+        self.digest = settings_digest(settings, self.rules_digest, self.versions)
+
+    def folder(self, item: BatchItem) -> Path:
+        """Return the folder of an item's products."""
+        return self.out / PAIRS / item.folder
+
+    def plan(self, resume: Resume = "ask", *, retry: bool = False) -> Plan:
+        """Compare the items with what the folder holds.
+
+        Parameters
+        ----------
+        resume : {"ask", "redo", "keep"}
+            What to do with pairs that were processed with other rules, versions or profile.
+        retry : bool
+            Whether to try again the pairs that could not be processed.
+
+        Raises
+        ------
+        ChangedSettings
+            There are such pairs and `resume` is "ask"; the message counts them.
+        """
+        known = RunLog(self.out / NAME).latest() if (self.out / NAME).is_file() else {}
+        todo: list[tuple[BatchItem, str]] = []
+        changed = done = 0
+        for item in self.items:
+            latest = known.get(item.name)
+            reason = self._reason(item, latest, retry)
+            if reason == "rules or versions changed" and resume == "keep":
+                done += 1
+            elif reason:
+                changed += reason == "rules or versions changed"
+                todo.append((item, reason))
+            else:
+                done += 1
+        if changed and resume == "ask":
+            raise ChangedSettings(
+                f"{changed} of {len(self.items)} pairs in {self.out} were processed with other rules, versions or "
+                "another profile; say --resume redo to process them again, or --resume keep to leave them as they are"
+            )
+        return Plan(tuple(todo), done)
+
+    def _reason(self, item: BatchItem, latest: Latest | None, retry: bool) -> str:
+        """Say why an item has to be processed; empty where it need not be."""
+        if latest is None:
+            return "new"
+        if latest.stamp != stamp(item) and latest.inputs != inputs_digest(item):
+            return "input changed"
+        if latest.status not in PROCESSED:
+            return "failed before" if retry else ""
+        if latest.settings_digest != self.digest:
+            return "rules or versions changed"
+        return "" if (self.folder(item) / "decision.json").is_file() else "unfinished"
+
+    def run(
+        self,
+        plan: Plan,
+        *,
+        jobs: int = 1,
+        limits: Limits | None = None,
+        scheduler: str | None = None,
+        transfer: Transfer = "path",
+        progress: Callable[[Progress, Outcome], None] = lambda progress, outcome: None,
+    ) -> Progress:
+        """Process what a plan names; every result is committed as soon as it is there.
+
+        SIGINT ends the batch after the pairs in work, a second one at once; both leave a folder that a later run goes
+        on from.
+
+        Parameters
+        ----------
+        plan : Plan
+        jobs : int
+            Worker processes on this machine.
+        limits : Limits, optional
+        scheduler : str, optional
+            Address of a Dask scheduler; then `jobs` and `limits` do not matter.
+        transfer : {"path", "bytes"}
+        progress : callable
+            Called after each pair.
+        """
+        limits = limits or Limits()
+        log = RunLog(self.out / NAME)
+        with alone(self.out):
+            return self._run(log, plan, jobs, limits, scheduler, transfer, progress)
+
+    def _run(
+        self,
+        log: RunLog,
+        plan: Plan,
+        jobs: int,
+        limits: Limits,
+        scheduler: str | None,
+        transfer: Transfer,
+        progress: Callable[[Progress, Outcome], None],
+    ) -> Progress:
+        self._clean()
+        run = log.begin(self.source, asdict(self.settings), self.digest, self.versions)
+        state = Progress(len(plan.todo))
+        items = ((item, self.folder(item)) for item, _ in plan.todo)
+        with _interruptible() as stopping:
+            if scheduler is not None:
+                results = run_on_cluster(items, self.settings, scheduler, transfer, stopping)
+            else:
+                results = run_here(items, self.settings, limits, jobs, stopping)
+            for item, outcome in results:
+                log.add(run, outcome, item.folder, self.digest)
+                state.done += 1
+                state.failed += outcome.status == "failed"
+                state.not_processed += outcome.status not in PROCESSED
+                progress(state, outcome)
+        log.end(run)
+        return state
+
+    def _clean(self) -> None:
+        """Remove what a killed run left unfinished: temporary folders of the products, never a finished one."""
+        for path in (self.out / PAIRS).glob(".*"):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def _check_out(out: Path) -> None:
+    """Refuse a folder that holds files of somebody else."""
+    if out.exists() and not out.is_dir():
+        raise FormatError(f"{out} is a file and a batch needs a folder; choose another --out")
+    if out.is_dir() and any(out.iterdir()) and not (out / NAME).is_file() and not (out / MARK).is_file():
+        raise FormatError(f"{out} holds files that no batch wrote; choose a new or empty folder, nothing was changed")
+
+
+@contextmanager
+def alone(out: Path) -> Iterator[None]:
+    """Keep other batches out of a folder; the lock goes with the process, however it ends.
+
+    Raises
+    ------
+    FormatError
+        Another batch is at work there.
+    """
+    with closing(sqlite3.connect(out / LOCK, timeout=0.0, isolation_level=None)) as base:
+        try:
+            base.execute("BEGIN EXCLUSIVE")
+        except sqlite3.OperationalError as error:
+            raise FormatError(f"another batch is at work in {out}; wait for it, or choose another --out") from error
+        yield
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Turn the first SIGINT into a wish to stop; the second one raises KeyboardInterrupt as usual."""
+    stop = threading.Event()
+
+    def handle(number: int, frame: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stop.is_set
+        return
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield stop.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)

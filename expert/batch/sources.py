@@ -1,0 +1,118 @@
+"""Where the pairs of a batch come from: a folder of some layout, two name patterns, or a manifest."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from expert.batch.item import BatchItem
+from expert.batch.manifest import read_manifest
+from modules.formats.errors import FormatError
+
+IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
+# Names of the two cameras, in files (`left_01.png`, `01-right.png`) and in folders (`left/01.png`).
+SIDES = (("left", "right"), ("cam0", "cam1"), ("im0", "im1"), ("image_0", "image_1"), ("image_2", "image_3"))
+CALIBRATIONS = ("calib.txt", "calib.yaml", "calib.yml", "calibration.yaml", "calibration.yml")
+
+
+def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[BatchItem, ...]:
+    """List the pairs of a source, in the order of their names; nothing but names is read.
+
+    Parameters
+    ----------
+    source : Path
+        A manifest (`.csv`, `.jsonl`), or a folder: pairs are files whose paths differ only in the name of the camera
+        (left and right, cam0 and cam1, im0 and im1, image_2 and image_3, image_0 and image_1), in the file or in a
+        folder above it. That covers KITTI, EuRoC and Middlebury. A `calib.txt` or `calib.yaml` beside the images, or in
+        a folder above them within the source, is theirs.
+    pattern : (str, str), optional
+        Two patterns of paths below the folder with one `*` each, for other names.
+
+    Raises
+    ------
+    FormatError
+        The source is missing, holds no pair, or the manifest has errors; all of them are listed.
+    """
+    if source.is_file():
+        return tuple(read_manifest(source))
+    if not source.is_dir():
+        raise FormatError(f"{source} is neither a folder nor a manifest (.csv, .jsonl); check the path")
+    files = sorted(_files(source))
+    found = _by_pattern(source, files, pattern) if pattern else _by_side(files)
+    if not found:
+        wanted = "files that match the pattern" if pattern else "files named left and right, cam0 and cam1, im0 and im1"
+        raise FormatError(
+            f"{source} holds {len(files)} images but no pair of {wanted}; give --pattern LEFT RIGHT or a manifest"
+        )
+    return tuple(_item(source, name, *paths) for name, paths in sorted(found.items()))
+
+
+def _files(source: Path) -> Iterator[str]:
+    """Yield the images below a folder, relative to it; a folder that was seen before, by any name, is not entered."""
+    seen: set[str] = set()
+    for folder, folders, names in os.walk(source, followlinks=True):
+        real = os.path.realpath(folder)
+        if real in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in names:
+            if name.lower().endswith(IMAGES) and not name.startswith("."):
+                yield os.path.relpath(os.path.join(folder, name), source)
+
+
+def _by_side(files: list[str]) -> dict[str, tuple[str, str]]:
+    """Pair the files whose paths differ in the name of the camera only."""
+    known = set(files)
+    found: dict[str, tuple[str, str]] = {}
+    for path in files:
+        for left, right in SIDES:
+            for start, end in _places(path, left):
+                other = path[:start] + _like(path[start:end], right) + path[end:]
+                if other in known and other != path:
+                    stem = os.path.splitext(path)[0]
+                    name = re.sub(r"[_\-. ]*/[/_\-. ]*", "/", stem[:start] + stem[end:]).strip("/_-. \n")
+                    found.setdefault(name or stem, (path, other))
+    return found
+
+
+def _places(path: str, side: str) -> Iterator[tuple[int, int]]:
+    """Find the name of a camera where no letter or digit goes on with it, digits behind `left` and `right` excepted."""
+    more = "" if side[-1].isdigit() else "a-z"
+    ending = rf"(?![{more or '0-9'}])"
+    for match in re.finditer(rf"(?<![a-z0-9]){re.escape(side)}{ending}", path, re.IGNORECASE):
+        yield match.span()
+
+
+def _like(text: str, word: str) -> str:
+    """Write a word in the case of a text."""
+    return word.upper() if text.isupper() else word.capitalize() if text[0].isupper() else word
+
+
+def _by_pattern(source: Path, files: list[str], pattern: tuple[str, str]) -> dict[str, tuple[str, str]]:
+    for text in pattern:
+        if text.count("*") != 1:
+            raise FormatError(f"--pattern {text!r} has {text.count('*')} stars; give one, e.g. 'left/*.png'")
+    matches: list[Mapping[str, str]] = []
+    for text in pattern:
+        before, after = (re.escape(part) for part in text.split("*"))
+        matches.append({m[1]: path for path in files if (m := re.fullmatch(f"{before}(.*){after}", path))})
+    return {name: (matches[0][name], matches[1][name]) for name in matches[0] if name in matches[1]}
+
+
+def _item(source: Path, name: str, left: str, right: str) -> BatchItem:
+    home = (source / left).parent
+    folders = [home, *(folder for folder in home.parents if folder == source or source in folder.parents)]
+    calibration = next((folder / n for folder in folders for n in CALIBRATIONS if (folder / n).is_file()), None)
+    shown = name.encode("utf-8", "backslashreplace").decode()  # names of files need not be UTF-8
+    return BatchItem(shown, source / left, source / right, calibration=calibration)
+
+
+def select(items: tuple[BatchItem, ...], pattern: str | None, limit: int | None) -> tuple[BatchItem, ...]:
+    """Keep the items whose names match a shell pattern, and the first few of them."""
+    kept = [item for item in items if pattern is None or fnmatch.fnmatchcase(item.name, pattern)]
+    return tuple(kept if limit is None else kept[:limit])
