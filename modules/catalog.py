@@ -22,7 +22,7 @@ from modules.probe import Probe
 
 SLOTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "correction": ("align", "defects", "denoise", "radiometry", "local", "masks"),
+        "correction": ("align", "defects", "denoise", "sharpness", "radiometry", "local", "masks"),
         "matching": ("range", "matcher", "consistency", "uniqueness", "speckles", "refine"),
         "reconstruction": ("frame", "triangulate", "gate", "grid", "fill", "terrain"),
     }

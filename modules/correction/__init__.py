@@ -3,6 +3,7 @@
 from modules.correction import (
     align_rows,
     balance_white,
+    calibrate_segments,
     denoise_bilateral,
     denoise_gaussian,
     denoise_non_local_means,
@@ -11,19 +12,23 @@ from modules.correction import (
     filter_homomorphic,
     filter_laplacian,
     fit_gain_offset,
+    fit_response,
+    level_gain_field,
     mask_featureless,
     mask_saturated,
     mask_sky,
     match_histograms,
+    match_sharpness,
     normalise_local_contrast,
     rank_locally,
     repair_stuck_pixels,
     subtract_bilateral_background,
+    transfer_local_affine,
     warp_histograms_dynamically,
 )
 from modules.operator import Operator
 
-SLOTS: tuple[str, ...] = ("align", "defects", "denoise", "radiometry", "local", "masks")
+SLOTS: tuple[str, ...] = ("align", "defects", "denoise", "sharpness", "radiometry", "local", "masks")
 
 OPERATORS: tuple[Operator, ...] = (
     align_rows.OPERATOR,
@@ -31,11 +36,16 @@ OPERATORS: tuple[Operator, ...] = (
     denoise_gaussian.OPERATOR,
     denoise_bilateral.OPERATOR,
     denoise_non_local_means.OPERATOR,
+    match_sharpness.OPERATOR,
     match_histograms.OPERATOR,
     fit_gain_offset.OPERATOR,
+    fit_response.OPERATOR,
+    calibrate_segments.OPERATOR,
     warp_histograms_dynamically.OPERATOR,
     equalize_histogram.OPERATOR,
     balance_white.OPERATOR,
+    level_gain_field.OPERATOR,
+    transfer_local_affine.OPERATOR,
     normalise_local_contrast.OPERATOR,
     filter_homomorphic.OPERATOR,
     filter_laplacian.OPERATOR,
