@@ -14,7 +14,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-inference mutation schema fmt lock wheel clean
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-causes bench-facts bench-inference mutation schema fmt lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -58,6 +58,9 @@ property-engines: $(STAMP)  ## Compare experta, compiled and CLIPS on 20 000 ran
 bench: $(STAMP)  ## Measure accuracy and the share of time per pair, and the elevation error on rendered terrain
 	@$(BIN)/python -m benchmarks
 	@$(BIN)/python -m benchmarks.terrain
+
+bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matrix over development pairs (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.causes $(ARGS)
 
 bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over development pairs x distortions (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.accuracy $(ARGS)

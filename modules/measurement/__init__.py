@@ -5,6 +5,7 @@ from modules.measurement import (
     disparity_range,
     histograms,
     image_format,
+    light_shape,
     noise,
     radiometry,
     row_alignment,
@@ -25,4 +26,5 @@ PROBES: tuple[Probe, ...] = (
     row_alignment.PROBE,
     disparity_range.PROBE,
     radiometry.PROBE,
+    light_shape.PROBE,
 )

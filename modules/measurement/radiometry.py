@@ -1,98 +1,181 @@
-"""How corresponding pixels differ."""
+"""How corresponding points differ in brightness, and which camera model explains it."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from modules.measurement._corresponding import CORRELATED, LOG_FLOOR_DN, Corresponding, log_ratio
 from modules.measurement.sample import Sample
-from modules.primitives.statistics import count_levels, fit_gain_offset, match_levels, quantiles, robust_sigma
+from modules.primitives.statistics import Floats, fit_linear, robust_sigma
 from modules.probe import FactModel, Probe, quantity
 
-PROBABILITIES = np.linspace(0.02, 0.98, 49)
-WINDOW_PX = 9  # of the thumbnail, over which corresponding pixels are averaged
-LOG_FLOOR_DN = 4.0  # added before logarithms; darker pixels say little about gain
+CORE = (3.0, 97.0)  # percentiles of the left brightness between which the tone curve is fitted
+BEYOND = 1.3  # half ranges from their middle where the curve goes on as a straight line
+KEPT_PERCENT = 85  # of squared residuals; larger ones are wrong matches and count as this one
+CAST_DN = 20.0  # darker blocks say little about colour
+CAST_BLOCKS = 60
+
+
+def _residual(description: str) -> Any:
+    text = f"Root mean square of right minus left, {description}; place removed"
+    return quantity(text, unit="dn", ge=0, resolution=0.01, default=None)
 
 
 class Radiometry(FactModel):
-    """Differences of corresponding pixels after a coarse match; only the count without a match."""
+    """Differences of corresponding blocks; only the count where too few correspond."""
 
     template: ClassVar[str] = "radiometry"
 
-    count: int = quantity("Corresponding thumbnail pixels", ge=0)
+    count: int = quantity("Corresponding blocks that are neither clipped nor black", ge=0)
+    difference_dn: float | None = quantity(
+        "Median of right minus left, place removed",
+        unit="dn",
+        resolution=0.01,
+        sigma="difference_sigma_dn",
+        default=None,
+    )
+    difference_sigma_dn: float | None = quantity(
+        "Standard error of the difference", unit="dn", ge=0, resolution=0.01, default=None
+    )
     gain: float | None = quantity(
-        "Gain of the right image relative to the left one", ge=0, resolution=0.001, default=None
+        "Gain of the right image relative to the left one", resolution=0.001, sigma="gain_sigma", default=None
     )
+    gain_sigma: float | None = quantity("Standard error of the gain", ge=0, resolution=0.001, default=None)
     offset_dn: float | None = quantity(
-        "Right image minus gain times left image", unit="dn", resolution=0.01, default=None
+        "Right image minus gain times left image",
+        unit="dn",
+        resolution=0.01,
+        sigma="offset_sigma_dn",
+        default=None,
     )
-    log_ratio_spread: float | None = quantity(
-        "Robust standard deviation of the local log ratio; large where light differs over the image",
+    offset_sigma_dn: float | None = quantity(
+        "Standard error of the offset", unit="dn", ge=0, resolution=0.01, default=None
+    )
+    gamma: float | None = quantity(
+        "Exponent of the right image over that of the left one, beside a gain",
+        resolution=0.001,
+        sigma="gamma_sigma",
+        default=None,
+    )
+    gamma_sigma: float | None = quantity("Standard error of the exponent", ge=0, resolution=0.001, default=None)
+    constancy_residual_dn: float | None = _residual("equal brightness assumed")
+    gain_residual_dn: float | None = _residual("after a gain alone")
+    offset_residual_dn: float | None = _residual("after an offset alone")
+    gamma_residual_dn: float | None = _residual("after an exponent alone")
+    line_residual_dn: float | None = _residual("after gain and offset")
+    curve_residual_dn: float | None = _residual("after gain and exponent")
+    cast_fraction: float | None = quantity(
+        "Largest minus smallest log ratio of a colour channel beyond what one tone curve for all gives",
         ge=0,
         resolution=0.001,
+        sigma="cast_sigma",
         default=None,
     )
-    monotone_residual_dn: float | None = quantity(
-        "Robust standard deviation of the local difference after one increasing map",
-        unit="dn",
-        ge=0,
-        resolution=0.01,
-        default=None,
+    cast_sigma: float | None = quantity("Standard error of the cast", ge=0, resolution=0.001, default=None)
+    log_ratio_spread: float | None = quantity(
+        "Robust standard deviation of the log ratio of corresponding blocks", ge=0, resolution=0.001, default=None
     )
 
 
 def measure_radiometry(sample: Sample) -> list[Radiometry]:
     """Return the one `radiometry` fact of the pair.
 
-    Notes
-    -----
-    The log ratio and the monotone residual are taken on 9x9 means of the thumbnail, so that noise, small errors of the
-    match and texture cancel.
+    What changes with place (vignetting, a gradient) is taken out first, so that gain, offset and exponent are those at
+    the centre of the image.
     """
-    match = sample.coarse
-    if match is None:
+    blocks, light = sample.blocks, sample.light
+    if blocks is None or light is None:
         return [Radiometry(count=0)]
-    height, width = match.left.shape
-    valid = np.isfinite(match.disparity_px)
-    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
-    columns = u - np.where(valid, match.disparity_px, np.float32(0))
-    seen = np.asarray(cv2.remap(match.right, columns, v, cv2.INTER_LINEAR), dtype=np.uint8)
-    pairs = [count_levels(image[valid]) for image in (match.left, seen)]
-    gain, offset, _ = fit_gain_offset(quantiles(pairs[0], PROBABILITIES), quantiles(pairs[1], PROBABILITIES), 255)
-    table = match_levels(pairs[0], pairs[1])
-    left = match.left.astype(np.float32)
-    right = seen.astype(np.float32)
-    mapped = table.astype(np.float32)[match.left]
-    weight = cv2.blur(valid.astype(np.float32), (WINDOW_PX, WINDOW_PX))
-    local = [_mean(image, valid, weight) for image in (left, right, mapped)]
-    use = (weight > 0.5) & valid
-    if not use.any():
-        return [Radiometry(count=0)]
-    log_ratio = np.log((local[1][use] + LOG_FLOOR_DN) / (local[0][use] + LOG_FLOOR_DN))
+    left = blocks.left
+    right = _undo(blocks.right, light.place)
+    low, high = np.percentile(left, CORE)
+    middle, half = (low + high) / 2, max((high - low) / 2, 1.0)
+    at = (left - middle) / half
+    line = np.column_stack([np.ones_like(at), at])
+    straight, straight_covariance, _ = fit_linear(line, right, 0.5)
+    bent, _, _ = fit_linear(np.column_stack([line, at**2 - 1 / 3]), right, 0.5)
+    logs = np.column_stack([np.ones_like(at), np.log((left + 0.5) / 255.5)])
+    weight = right / 100  # of a log residual in dn
+    power, power_covariance, _ = fit_linear(logs * weight[:, None], np.log((right + 0.5) / 255.5) * weight, 0.005)
+    gain = float(straight[1] / half)
+    errors = CORRELATED * np.sqrt(np.maximum(np.diag(straight_covariance), 0))
+    cast, cast_sigma = _cast(blocks, bent, middle, half)
     return [
         Radiometry(
-            count=int(np.count_nonzero(valid)),
-            gain=max(gain, 0.0),
-            offset_dn=offset,
-            log_ratio_spread=robust_sigma(log_ratio),
-            monotone_residual_dn=robust_sigma(local[1][use] - local[2][use]),
+            count=len(blocks),
+            difference_dn=float(np.median(right - left)),
+            difference_sigma_dn=_median_error(right - left),
+            gain=gain,
+            gain_sigma=float(errors[1] / half),
+            offset_dn=float(straight[0] - gain * middle),
+            offset_sigma_dn=float(np.hypot(errors[0], errors[1] * middle / half)),
+            gamma=float(power[1]),
+            gamma_sigma=float(CORRELATED * np.sqrt(max(power_covariance[1, 1], 0))),
+            constancy_residual_dn=_rms(right - left),
+            gain_residual_dn=_rms(right - np.median(right / left) * left),
+            offset_residual_dn=_rms(right - left - np.median(right - left)),
+            gamma_residual_dn=_rms(right - 255 * (left / 255) ** _exponent(left, right)),
+            line_residual_dn=_rms(right - line @ straight),
+            curve_residual_dn=_rms(right - (255.5 * np.exp(logs @ power) - 0.5)),
+            cast_fraction=cast,
+            cast_sigma=cast_sigma,
+            log_ratio_spread=robust_sigma(log_ratio(left, blocks.right)),
         )
     ]
 
 
-def _mean(image: NDArray[Any], valid: NDArray[np.bool_], weight: NDArray[Any]) -> NDArray[np.float32]:
-    total = cv2.blur(np.where(valid, image, np.float32(0)), (WINDOW_PX, WINDOW_PX))
-    return np.asarray(total / np.maximum(weight, np.float32(1e-3)))
+def _undo(values: NDArray[Any], place: Floats) -> Floats:
+    return np.asarray((values + LOG_FLOOR_DN) * np.exp(-place) - LOG_FLOOR_DN).clip(0.5, None)
+
+
+def _rms(residual: Floats) -> float:
+    squares = residual * residual
+    return float(np.sqrt(np.mean(np.minimum(squares, np.percentile(squares, KEPT_PERCENT)))))
+
+
+def _median_error(values: Floats) -> float:
+    return float(CORRELATED * 1.2533 * robust_sigma(values) / np.sqrt(len(values)))  # 1.2533: median against mean
+
+
+def _exponent(left: Floats, right: Floats) -> float:
+    exponents = np.log((right + 0.5) / 255.5) / np.minimum(np.log((left + 0.5) / 255.5), -0.05)
+    return float(np.median(exponents))
+
+
+def _cast(blocks: Corresponding, bent: Floats, middle: float, half: float) -> tuple[float | None, float | None]:
+    """Compare the log ratio of each channel with that of the luminance, light cancels; less what the curve does."""
+    if blocks.left_colour is None or blocks.right_colour is None:
+        return None, None
+
+    def by_curve(levels: Floats) -> Floats:
+        at = (levels - middle) / half
+        core = np.clip(at, -BEYOND, BEYOND)
+        mapped = bent[0] + bent[1] * core + bent[2] * (core**2 - 1 / 3) + (bent[1] + 2 * bent[2] * core) * (at - core)
+        return log_ratio(levels, np.maximum(mapped, 0.5))
+
+    expected = by_curve(blocks.left)
+    common = log_ratio(blocks.left, blocks.right)
+    excess, errors = [], []
+    for channel in range(3):
+        left, right = blocks.left_colour[:, channel], blocks.right_colour[:, channel]
+        use = (left > CAST_DN) & (right > CAST_DN) & (np.abs(left - middle) < BEYOND * half)
+        if np.count_nonzero(use) < CAST_BLOCKS:
+            return None, None
+        beyond = (log_ratio(left, right) - by_curve(left) - common + expected)[use]
+        excess.append(float(np.median(beyond)))
+        errors.append(_median_error(beyond))
+    _, second, largest = sorted(errors)
+    return max(excess) - min(excess), float(np.hypot(second, largest))
 
 
 PROBE = Probe(
     "measurement.radiometry",
     (Radiometry,),
     measure_radiometry,
-    "dear",
+    "medium",
     "pair",
-    "Matches thumbnails densely and compares corresponding pixels.",
+    "Compares the brightness of corresponding points: gain, offset, exponent, cast, and what each model leaves.",
 )

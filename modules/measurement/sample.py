@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from modules.measurement._corresponding import Corresponding, LightFit, corresponding_blocks, fit_light
 from modules.primitives.coarse import CoarseMatch, coarse_factor, coarse_match
 from modules.primitives.features import match_features, track_corners
 from modules.primitives.noise import estimate_noise_dn
@@ -24,6 +25,7 @@ COLUMN_STEP = 2  # every second row and column suffices for histograms
 SEARCH = (-0.25, 0.45)  # disparities of the coarse match as fractions of the width; negative: swapped or toed in
 SEARCH_MARGIN_PX = 8  # around a given range
 TRUSTED_FRACTION = 0.2  # of the corners agree on one row model; clean pairs 0.5 and more, unrelated ones 0.01
+SOUND_FRACTION = 0.5  # of the thumbnail matches where rows are not far off; then nothing needs aligning
 COARSE_ROW_ERROR_PX = 1.0  # of the thumbnail; rows that are off by more are aligned before matching again
 
 
@@ -158,14 +160,41 @@ class Sample:
     @cached_property
     def coarse(self) -> CoarseMatch | None:
         """The coarse match; matched again with aligned rows where they are too far off for it."""
-        first, fit = self.first_coarse, self.features.fit
-        if fit is None:
-            return first
-        thumbnail = coarse_factor(self.shape)
-        if fit.model.max_abs_px(self.shape) * thumbnail <= COARSE_ROW_ERROR_PX:
-            return first
-        aligned, _ = warp(self.gray8[1], *row_alignment_map(fit.model, self.shape))
-        return self._match_coarsely(to_8_bit(aligned)) or first
+        if self.aligned_right is self.views.right:
+            return self.first_coarse
+        return self._match_coarsely(to_8_bit(to_gray(self.aligned_right))) or self.first_coarse
+
+    @cached_property
+    def aligned_right(self) -> Image:
+        """The right image; its rows aligned if they are too far off for the coarse match."""
+        first = self.first_coarse
+        if first is not None and first.valid_fraction >= SOUND_FRACTION:
+            return self.views.right
+        fit = self.features.fit
+        if fit is None or fit.model.max_abs_px(self.shape) * coarse_factor(self.shape) <= COARSE_ROW_ERROR_PX:
+            return self.views.right
+        return warp(self.views.right, *row_alignment_map(fit.model, self.shape))[0]
+
+    @cached_property
+    def blocks(self) -> Corresponding | None:
+        """Means of corresponding blocks; None without a coarse match."""
+        match = self.coarse
+        if match is None:
+            return None
+        colours = None
+        if self.channels == 3:
+            size = (match.left.shape[1], match.left.shape[0])
+            left, right = (
+                cv2.resize(to_8_bit(image), size, interpolation=cv2.INTER_AREA)
+                for image in (self.views.left, self.aligned_right)
+            )
+            colours = (left, right)
+        return corresponding_blocks(match, colours)
+
+    @cached_property
+    def light(self) -> LightFit | None:
+        """The light difference of corresponding blocks by tone and place."""
+        return None if self.blocks is None else fit_light(self.blocks)
 
     def _match_coarsely(self, right: Gray) -> CoarseMatch | None:
         if self.given_range is not None:

@@ -144,8 +144,8 @@ def test_a_brightness_difference_is_answered_and_absent_it_is_not(system: Expert
     clean, dark = system.decide(PAIRS["clean"]), system.decide(PAIRS["dark right"])
     assert clean.operator("correction.radiometry") == "none"
     assert dark.operator("correction.radiometry") != "none"
-    assert "MEA010" in dark.rules_fired
-    assert "MEA010" not in clean.rules_fired
+    assert "MEA032" in dark.rules_fired
+    assert "MEA032" not in clean.rules_fired
 
 
 def test_one_file_given_twice_is_not_called_swapped(system: ExpertSystem) -> None:

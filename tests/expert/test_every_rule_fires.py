@@ -105,10 +105,26 @@ def synthetic_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision
         yield ExpertSystem(rules=[file], engine="compiled").reconstruct(StereoPair(left, right)).decision
 
 
+def lit_decisions(system: ExpertSystem) -> Iterator[Decision]:
+    """Yield decisions on pairs in other light: corresponding points are compared, on strips only histograms."""
+    left, right = plane(texture(6), 12)
+    across = np.linspace(0.75, 1.3, WIDTH)
+    yield system.decide(StereoPair(left, np.clip(right * across, 0, 255).astype(np.uint8)))
+    yield ExpertSystem(profile="fast", engine="compiled").decide(StereoPair(left, right // 2))
+    shadow = np.where((np.arange(WIDTH) // 60) % 2, 0.3, 0.7)
+    yield system.decide(StereoPair(left, (right * shadow).astype(np.uint8)))
+    bright, dim = (image[:20].astype(float) for image in (left, right))
+    red = np.stack([np.clip(dim + 40, 0, 255), dim, dim], axis=-1)
+    yield system.decide(StereoPair(np.repeat(bright[..., None], 3, -1).astype(np.uint8), red.astype(np.uint8)))
+    flat = texture(1, width=WIDTH)[:20] * 0.3 + np.linspace(0, 180, WIDTH)
+    curve = (255 * (np.arange(256) / 255.0) ** 3).astype(np.uint8)
+    yield system.decide(StereoPair(flat.astype(np.uint8), curve[flat.astype(np.uint8)]))
+
+
 def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     system = ExpertSystem(engine="compiled")
     fired: set[str] = set()
-    for decision in (*rendered_decisions(system), *synthetic_decisions(system, tmp_path)):
+    for decision in (*rendered_decisions(system), *synthetic_decisions(system, tmp_path), *lit_decisions(system)):
         fired |= rules_of(decision)
     left, right = plane(texture(1), 12)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

@@ -1,0 +1,149 @@
+"""Brightness of corresponding blocks: how much of their difference is tone, and how much is place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.primitives.coarse import CoarseMatch
+from modules.primitives.statistics import Floats, fit_linear
+
+Blocks: TypeAlias = NDArray[np.float64]
+
+BLOCK_PX = 4  # of the thumbnail; noise and small errors of the match cancel within
+LEAST_COVER = 0.5  # of a block's pixels that must have matched
+USABLE_DN = (12.0, 244.0)  # block means beyond hold clipped pixels or say little about ratios
+LEAST_BLOCKS = 60
+LOG_FLOOR_DN = 4.0  # added before logarithms; darker pixels say little about gain
+PATCH = 0.12  # side of the patches whose light is compared, in half diagonals
+PATCH_BLOCKS = 6  # fewer blocks do not make a patch
+BRIGHT_DN = 30.0  # patches are compared on blocks as bright as this, where half of the blocks are
+SCALE_FLOOR = 0.01  # smallest robust deviation of log ratios
+CORRELATED = 3.0  # standard errors of independent blocks are too small by this: neighbours err alike
+
+
+@dataclass(frozen=True)
+class Corresponding:
+    """Means of corresponding blocks.
+
+    Attributes
+    ----------
+    left, right : float64 (N,)
+        Luminance, dn.
+    left_colour, right_colour : float64 (N, 3) or None
+        Colours, dn.
+    x, y : float64 (N,)
+        Place in the right image in units of half its diagonal, from the centre.
+    """
+
+    left: Blocks
+    right: Blocks
+    left_colour: Blocks | None
+    right_colour: Blocks | None
+    x: Blocks
+    y: Blocks
+
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return len(self.left)
+
+
+@dataclass(frozen=True)
+class LightFit:
+    """The log ratio of corresponding blocks, split into tone and place; see `fit_light`.
+
+    Attributes
+    ----------
+    radial, across, down : float
+        Log ratio of right over left that grows with the squared distance from the centre (at the corners), to the
+        right and downwards (over half the diagonal).
+    radial_sigma, across_sigma, down_sigma : float
+        Their standard errors.
+    patchy : float
+        Standard deviation over patches of the log ratio that neither tone nor these shapes explain.
+    place : float64 (N,)
+        Log ratio by place of each block, zero at the centre of the image.
+    """
+
+    radial: float
+    radial_sigma: float
+    across: float
+    across_sigma: float
+    down: float
+    down_sigma: float
+    patchy: float
+    place: Floats
+
+
+def corresponding_blocks(match: CoarseMatch, colours: tuple[NDArray[Any], NDArray[Any]] | None) -> Corresponding | None:
+    """Average corresponding pixels of the thumbnails over blocks; None where fewer than 60 blocks are left."""
+    height, width = match.left.shape
+    shown = match.visible()
+    valid = np.isfinite(shown)
+    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
+    columns = u - np.where(valid, shown, np.float32(0))
+    images: list[NDArray[Any]] = [match.left, cv2.remap(match.right, columns, v, cv2.INTER_LINEAR)]
+    if colours is not None:
+        images += [colours[0], cv2.remap(colours[1], columns, v, cv2.INTER_LINEAR)]
+    size = (width // BLOCK_PX, height // BLOCK_PX)
+    crop = (slice(0, size[1] * BLOCK_PX), slice(0, size[0] * BLOCK_PX))
+    weight = valid[crop].astype(np.float32)
+    cover = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+
+    def average(image: NDArray[Any]) -> NDArray[np.float64]:
+        shares = weight if image.ndim == 2 else weight[..., None]
+        total = cv2.resize(image[crop] * shares, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(total / np.maximum(cover if image.ndim == 2 else cover[..., None], 1e-6), dtype=np.float64)
+
+    means = [average(image) for image in images]
+    keep = cover >= LEAST_COVER
+    for mean in means:
+        inside = (mean > USABLE_DN[0]) & (mean < USABLE_DN[1])
+        keep &= inside if mean.ndim == 2 else inside.all(axis=2)
+    if np.count_nonzero(keep) < LEAST_BLOCKS:
+        return None
+    half = np.hypot(width, height) / 2
+    x, y = (average(values)[keep] for values in (columns - (width - 1) / 2, v - (height - 1) / 2))
+    kept = [mean[keep] for mean in means]
+    left_colour, right_colour = (kept[2], kept[3]) if colours is not None else (None, None)
+    return Corresponding(kept[0], kept[1], left_colour, right_colour, x / half, y / half)
+
+
+def log_ratio(left: Blocks, right: Blocks) -> Blocks:
+    """Return the logarithm of right over left, damped where both are dark."""
+    return np.asarray(np.log((right + LOG_FLOOR_DN) / (left + LOG_FLOOR_DN)))
+
+
+def fit_light(blocks: Corresponding) -> LightFit:
+    """Explain the log ratio by a cubic of the log brightness (any smooth tone curve) and by place.
+
+    Both are fitted together: where bright things lie in the middle, a curve would take the place of vignetting.
+    """
+    ratio = log_ratio(blocks.left, blocks.right)
+    tone = np.log(blocks.left + LOG_FLOOR_DN)
+    tone = (tone - tone.mean()) / max(float(tone.std()), 1e-3)
+    shape = np.stack([blocks.x**2 + blocks.y**2, blocks.x, blocks.y], axis=1)
+    design = np.column_stack([np.ones_like(tone), tone, tone**2, tone**3, shape])
+    coefficients, covariance, _ = fit_linear(design, ratio, SCALE_FLOOR)
+    sigma = CORRELATED * np.sqrt(np.maximum(np.diag(covariance), 0))
+    radial, across, down = (float(value) for value in coefficients[4:])
+    patchy = _patchiness(blocks, ratio - design @ coefficients)
+    return LightFit(
+        radial, float(sigma[4]), across, float(sigma[5]), down, float(sigma[6]), patchy, shape @ coefficients[4:]
+    )
+
+
+def _patchiness(blocks: Corresponding, residual: Floats) -> float:
+    bright = np.minimum(blocks.left, blocks.right) >= BRIGHT_DN
+    if np.count_nonzero(bright) < len(blocks) / 2:
+        bright[:] = True
+    column, row = (np.floor(place[bright] / PATCH).astype(int) for place in (blocks.x, blocks.y))
+    _, index, counts = np.unique(100 * row + column, return_inverse=True, return_counts=True)
+    order = np.argsort(index, kind="stable")
+    patches = np.split(residual[bright][order], np.cumsum(counts)[:-1])
+    medians = [float(np.median(patch)) for patch in patches if len(patch) >= PATCH_BLOCKS]
+    return float(np.std(medians)) if len(medians) > 5 else 0.0
