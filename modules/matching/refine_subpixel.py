@@ -13,7 +13,9 @@ from modules.types import FloatImage
 DERIVATIVE = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]], np.float32) / np.float32(12.0)  # per px, exact for cubics
 
 
-def refine_by_intensity(left: Bytes, right: Bytes, disparity: FloatImage, pool: ThreadPoolExecutor) -> FloatImage:
+def refine_by_intensity(
+    left: Bytes, right: Bytes, disparity: FloatImage, pool: ThreadPoolExecutor | None
+) -> FloatImage:
     """Return disparities moved to where the intensities of the right image fit those of the left one best.
 
     One Gauss-Newton step in a small window, with a gain and an offset of its own and only the neighbours of similar
@@ -24,8 +26,8 @@ def refine_by_intensity(left: Bytes, right: Bytes, disparity: FloatImage, pool: 
     left, right : uint8 (H, W)
     disparity : float32 (H, W)
         Finite; wrong by a fraction of a pixel, px.
-    pool : ThreadPoolExecutor
-        Two parts are submitted to it; the result does not depend on that.
+    pool : ThreadPoolExecutor or None
+        Does two parts at once; the result does not depend on that.
 
     Returns
     -------
@@ -57,6 +59,9 @@ def refine_by_intensity(left: Bytes, right: Bytes, disparity: FloatImage, pool: 
         refinement.fit_rows(wanted, warped, warped_slope, smooth, start, stop, refined)
 
     for step in (work, fit):
+        if pool is None:
+            step(0, rows)
+            continue
         for half in [pool.submit(step, *bounds) for bounds in halves]:
             half.result()
     return refined

@@ -1,177 +1,174 @@
-"""Matching cost of the semi-global matcher: census and horizontal derivatives, averaged over a window."""
+"""Matching cost of the semi-global matcher: bits that differ and values that differ, averaged over a window.
+
+Every cost has this form. Census transforms give the bits; the horizontal derivative or the intensity gives the value.
+"""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from modules.matching.kernels.compiler import kernel
+from modules.matching.kernels.vectors import (
+    LANES,
+    add,
+    bytes_of,
+    count_bits,
+    either,
+    larger,
+    load,
+    narrow,
+    scale,
+    shift_left,
+    smaller,
+    store,
+    subtract,
+    widen,
+    words_of,
+)
 
-CENSUS_RADIUS = 2  # 5x5 window, 24 comparisons
-COST_UNITS = 6.25  # stored cost per bit of Hamming distance; the largest, 39.5, still fits uint8
-COST_BLOCK = 64  # columns whose cost is averaged at a time, so that the sums stay in the cache
-LANES = 16  # volumes hold a multiple of this many disparities, because a remainder would be worked off one by one
-PADDING = 255  # cost of the disparities added for that; larger than any other, so that none is ever the best
-
-
-def _count_bits(typing_context: Any, value: Any) -> Any:
-    """Count the bits that are set; the compiler knows a vector instruction for it."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.ctpop(arguments[0])
-
-    return value(value), generate
-
-
-_popcount: Any = intrinsic(_count_bits)
-
-
-@kernel
-def census(image: NDArray[np.int32]) -> NDArray[np.uint32]:
-    """Return the 24 comparisons of each pixel's 5x5 window with its centre, as bits (H, W); borders are replicated."""
-    rows, columns = image.shape
-    out = np.zeros((rows, columns), np.uint32)
-    for y in range(rows):
-        for x in range(columns):
-            centre = image[y, x]
-            bits = np.uint32(0)
-            for dy in range(-CENSUS_RADIUS, CENSUS_RADIUS + 1):
-                yy = min(max(y + dy, 0), rows - 1)
-                for dx in range(-CENSUS_RADIUS, CENSUS_RADIUS + 1):
-                    if dy != 0 or dx != 0:
-                        xx = min(max(x + dx, 0), columns - 1)
-                        bits = np.uint32(np.uint32(bits << np.uint32(1)) | np.uint32(image[yy, xx] < centre))
-            out[y, x] = bits
-    return out
+BLOCK = 64  # columns whose cost is averaged at a time, so that the sums stay in the cache
+PADDING = 255  # cost of disparities that are not searched; larger than any other, so that none is ever the best
 
 
 @kernel
-def _mirror(
-    bits: NDArray[np.uint32],
-    slope: NDArray[np.int16],
-    last: int,
-    planes: NDArray[np.uint8],
-    slopes: NDArray[np.int16],
-) -> None:
-    """Copy a row so that index j holds column `last - j`: rising disparity then walks forward through memory."""
-    columns = bits.shape[0]
-    for j in range(slopes.shape[0]):
-        x = min(max(last - j, 0), columns - 1)
-        planes[0, j] = np.uint8(bits[x])
-        planes[1, j] = np.uint8(bits[x] >> np.uint32(8))
-        planes[2, j] = np.uint8(bits[x] >> np.uint32(16))
-        slopes[j] = slope[x]
-
-
-@kernel
-def _bit_difference(
-    bits: np.uint32,
-    low: NDArray[np.uint8],
-    middle: NDArray[np.uint8],
-    high: NDArray[np.uint8],
-    out: NDArray[np.uint8],
-) -> None:
-    """Fill `out` (D,) with the Hamming distances of `bits` from 24 bits given in three planes."""
-    a = np.uint8(bits)
-    b = np.uint8(bits >> np.uint32(8))
-    c = np.uint8(bits >> np.uint32(16))
-    for d in range(out.shape[0]):
-        one = _popcount(np.uint8(low[d] ^ a))
-        two = _popcount(np.uint8(middle[d] ^ b))
-        three = _popcount(np.uint8(high[d] ^ c))
-        out[d] = np.uint8(np.uint8(one + two) + three)
-
-
-@kernel
-def _replace_cost(
-    distance: NDArray[np.uint8],
-    slope: np.int16,
-    slopes: NDArray[np.int16],
-    limit: np.int16,
+def _replace_costs(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    at: int,
+    plane: int,
+    bit_shift: int,
+    limit: int,
     held: NDArray[np.uint8],
-    column: NDArray[np.int16],
+    held_at: int,
+    column: NDArray[np.uint16],
+    column_at: int,
+    room: int,
 ) -> None:
-    """Put twice the cost of one pixel into `held` (D,) and its change into the sum `column` (D,)."""
-    for d in range(held.shape[0]):
-        difference = np.int16(slope - slopes[d])
-        difference = min(max(difference, np.int16(-difference)), limit)
-        value = np.int16(np.int16(np.int16(distance[d]) << np.int16(1)) + difference)
-        column[d] = np.int16(np.int16(column[d] + value) - np.int16(held[d]))
-        held[d] = np.uint8(value)
+    """Put the costs of one pixel in the place of others, and their change into the sums of its column."""
+    words = left.shape[0] - 1
+    value = bytes_of(left[words])
+    most = bytes_of(np.uint8(limit))
+    weight = bytes_of(np.uint8(bit_shift))
+    three = words >= 3
+    word0, word1, word2 = bytes_of(left[0]), bytes_of(left[1 % (words + 1)]), bytes_of(left[2 % (words + 1)])
+    for d in range(0, room, LANES):
+        other = load(right, at + words * plane + d)
+        bits = bytes_of(np.uint8(0))
+        if three:
+            bits = count_bits(either(load(right, at + d), word0))
+            bits = add(bits, count_bits(either(load(right, at + plane + d), word1)))
+            bits = add(bits, count_bits(either(load(right, at + 2 * plane + d), word2)))
+        for k in range(3 if three else 0, words):
+            bits = add(bits, count_bits(either(load(right, at + k * plane + d), bytes_of(left[k]))))
+        difference = smaller(subtract(larger(value, other), smaller(value, other)), most)
+        cost = add(shift_left(bits, weight), difference)
+        old = load(held, held_at + d)
+        store(held, held_at + d, cost)
+        total = load(column, column_at + d)
+        store(column, column_at + d, add(subtract(total, widen(old)), widen(cost)))
 
 
 @kernel
 def _slide(
-    running: NDArray[np.int16],
-    enter: NDArray[np.int16],
-    leave: NDArray[np.int16],
-    factor: np.uint16,
+    running: NDArray[np.uint16],
+    column: NDArray[np.uint16],
+    enter: int,
+    leave: int,
+    shift: int,
+    factor: int,
+    limit: int,
     out: NDArray[np.uint8],
+    at: int,
+    count: int,
 ) -> None:
-    """Write the mean of the window in `running` (D,), then move it by one column."""
-    for d in range(out.shape[0]):
-        scaled = np.uint32(np.uint16(np.uint16(running[d]) << np.uint16(2)))
-        out[d] = np.uint8(np.uint32(np.uint32(scaled * np.uint32(factor)) >> np.uint32(16)))
-        running[d] = np.int16(np.int16(running[d] + enter[d]) - leave[d])
+    """Write the mean of the window in `running`, then move it by one column."""
+    by, times, most = words_of(np.uint16(shift)), words_of(np.uint16(factor)), words_of(np.uint16(limit))
+    chunks = (count + LANES - 1) // LANES
+    for chunk in range(chunks):
+        d = min(chunk * LANES, count - LANES)
+        store(out, at + d, narrow(smaller(scale(shift_left(load(running, d), by), times), most)))
+    for chunk in range(chunks):
+        d = chunk * LANES
+        store(running, d, subtract(add(load(running, d), load(column, enter + d)), load(column, leave + d)))
 
 
 @kernel
 def cost_rows(
-    left_bits: NDArray[np.uint32],
-    right_bits: NDArray[np.uint32],
-    left_slope: NDArray[np.int16],
-    right_slope: NDArray[np.int16],
-    low: int,
-    slope_limit: int,
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    before: int,
+    bit_shift: int,
+    value_limit: int,
     radius: int,
+    levels: float,
+    most: int,
     start: int,
     stop: int,
     out: NDArray[np.uint8],
 ) -> None:
-    """Fill `out` (stop - start, W, D) with the cost of image rows start to stop, averaged over a square window.
+    """Fill `out` with the cost of image rows start to stop.
 
     Matches outside the right image take its border pixel; the window is continued beyond the border by replicating rows
-    and columns. Units: `COST_UNITS` per bit.
+    and columns.
+
+    Parameters
+    ----------
+    left : uint8 (H, W, K + 1)
+        K bytes of bits and a value.
+    right : uint8 (K + 1, H, L)
+        The same of the right image, from right to left and continued, so that index `before + d` of a row holds what
+        the first left pixel is compared with at disparity index d, and one less what the next one is.
+    before : int
+        At least W - 1; L is at least `before` and as many more as D, rounded up to whole vectors.
+    bit_shift, value_limit : int
+        A pixel costs `bits << bit_shift` plus the difference of the values, at most `value_limit`.
+    radius : int
+        Of the window, px.
+    levels : float
+        Stored cost per unit of that.
+    most : int
+        Largest cost stored, at most 254.
+    start, stop : int
+    out : uint8 (stop - start, W * D)
+        D at least 32.
     """
-    rows, columns = left_bits.shape
-    count = out.shape[2]
+    rows, columns, planes = left.shape
+    count = out.shape[1] // columns
+    room = (count + LANES - 1) // LANES * LANES
     side = 2 * radius + 1
-    # A quarter of the factor, for four times the sum, fits 16 bits whatever the window.
-    factor = np.uint16(round(65536.0 * COST_UNITS / 8.0 / (side * side)))
-    limit = np.int16(slope_limit)
-    widest = COST_BLOCK + 2 * radius
-    ring = np.empty((side, widest, count), np.uint8)
-    total = np.empty((widest + 1, count), np.int16)
-    running = np.empty(count, np.int16)
-    distance = np.empty(count, np.uint8)
-    planes = np.empty((3, widest + count), np.uint8)
-    slopes = np.empty(widest + count, np.int16)
-    for begin in range(0, columns, COST_BLOCK):
-        width = min(begin + COST_BLOCK, columns) - begin
-        last = begin + width + radius - 1
-        ring[:] = np.uint8(0)
-        total[:] = np.int16(0)
+    largest = side * side * ((8 * (planes - 1) << bit_shift) + value_limit)
+    shift = 0
+    while (largest << (shift + 1)) < 65536:
+        shift += 1
+    factor = min(round(65536.0 * levels / (side * side * (1 << shift))), 65535)
+    widest = BLOCK + 2 * radius
+    length = right.shape[2]
+    mirrored = right.reshape(right.size)
+    held = np.empty(side * widest * room, np.uint8)
+    column = np.empty((widest + 1) * room, np.uint16)
+    running = np.empty(room, np.uint16)
+    for begin in range(0, columns, BLOCK):
+        width = min(begin + BLOCK, columns) - begin
+        held[:] = np.uint8(0)
+        column[:] = np.uint16(0)
         for step in range(start - radius, stop + radius):
             y = min(max(step, 0), rows - 1)
-            slot = (step - start + radius) % side
-            _mirror(right_bits[y], right_slope[y], last - low, planes, slopes)
+            slot = (step - start + radius) % side * widest
             for k in range(width + 2 * radius):
                 x = min(max(begin - radius + k, 0), columns - 1)
-                first = last - x
-                end = first + count
-                _bit_difference(
-                    left_bits[y, x], planes[0, first:end], planes[1, first:end], planes[2, first:end], distance
+                at = y * length + before - x
+                spot = (slot + k) * room
+                _replace_costs(
+                    left[y, x], mirrored, at, rows * length, bit_shift, value_limit, held, spot, column, k * room, room
                 )
-                _replace_cost(distance, left_slope[y, x], slopes[first:end], limit, ring[slot, k], total[k])
             row = step - radius - start
-            if row >= 0:
-                running[:] = np.int16(0)
-                for k in range(side):
-                    source = total[k]
-                    for d in range(count):
-                        running[d] = np.int16(running[d] + source[d])
-                for k in range(width):
-                    _slide(running, total[k + side], total[k], factor, out[row, begin + k])
+            if row < 0:
+                continue
+            running[:] = np.uint16(0)
+            for k in range(side):
+                for d in range(0, room, LANES):
+                    store(running, d, add(load(running, d), load(column, k * room + d)))
+            for k in range(width):
+                at = (begin + k) * count
+                _slide(running, column, (k + side) * room, k * room, shift, factor, most, out[row], at, count)

@@ -8,59 +8,132 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.matching.kernels.compiler import kernel
+from modules.matching.kernels.vectors import (
+    LANES,
+    first_equal,
+    least,
+    load,
+    ramp,
+    smaller,
+    store,
+    where_smaller,
+    words_of,
+)
 
 UNLOCKING = 0.8  # how far offsets are moved from whole pixels: t + UNLOCKING t (1 - t)^2 for t = 2 |offset|
-PARABOLA, EQUIANGULAR, UNLOCKED = 0, 1, 2  # curves of `select`
+PARABOLA, EQUIANGULAR, UNLOCKED = 0, 1, 2  # curves of `select_rows`
+NOTHING = 65535  # no cost
 
 
 @kernel
-def _best_of(s: NDArray[np.int16]) -> Any:
-    """Return the index of the least cost (D,), it, the second least away from it, and the largest."""
-    count = s.shape[0]
-    best = np.int16(32767)
-    worst = np.int16(-32768)
-    for d in range(count):
-        best = min(best, s[d])
-        worst = max(worst, s[d])
-    at = np.int16(32767)
-    for d in range(count):
-        here = np.int16(32767)
-        if s[d] == best:
-            here = np.int16(d)
-        at = min(at, here)
-    index = np.int64(at)
-    low = index - 1 if index > 0 else index
-    high = index + 1 if index < count - 1 else index
-    before = s[low]
-    after = s[high]
-    s[low] = s[index] = s[high] = np.int16(32767)
-    second = np.int16(32767)
-    for d in range(count):
-        second = min(second, s[d])
-    s[low] = before
-    s[high] = after
-    s[index] = best
-    return index, int(best), int(second), int(worst)
+def _least_of(total: NDArray[np.uint16], at: int, count: int) -> Any:
+    """Return the least of `count` costs."""
+    best = words_of(np.uint16(NOTHING))
+    for chunk in range((count + LANES - 1) // LANES):
+        best = smaller(best, load(total, at + min(chunk * LANES, count - LANES)))
+    return least(best)
 
 
 @kernel
-def _offer(s: NDArray[np.int16], begin: int, best: NDArray[np.int16], index: NDArray[np.int16]) -> None:
-    """Offer the costs `s` of disparities from `begin` to as many right pixels, which keep the least."""
-    for d in range(s.shape[0]):
-        value = s[d]
-        held = best[d]
-        kept = index[d]
-        if value < held:
-            kept = np.int16(begin + d)
-        best[d] = min(value, held)
-        index[d] = kept
+def _index_of(total: NDArray[np.uint16], at: int, count: int, value: np.uint16) -> int:
+    """Return the first index of a cost that is there."""
+    wanted = words_of(value)
+    for chunk in range((count + LANES - 1) // LANES):
+        d = min(chunk * LANES, count - LANES)
+        lane = first_equal(load(total, at + d), wanted)
+        if lane < LANES:
+            return d + lane
+    return 0
 
 
 @kernel
-def select(
-    total: NDArray[np.int16],
+def _second_of(total: NDArray[np.uint16], at: int, count: int, searched: int, index: int) -> int:
+    """Return the least cost away from an index and its neighbours."""
+    low, high = at + max(index - 1, 0), at + min(index + 1, searched - 1)
+    before, here, after = total[low], total[at + index], total[high]
+    total[low] = total[at + index] = total[high] = np.uint16(NOTHING)
+    second = _least_of(total, at, count)
+    total[low], total[high] = before, after
+    total[at + index] = here
+    return int(second)
+
+
+@kernel
+def _offer(
+    total: NDArray[np.uint16],
+    at: int,
     count: int,
-    first: int,
+    best: NDArray[np.uint16],
+    index: NDArray[np.uint16],
+    place: int,
+) -> None:
+    """Offer the costs of a left pixel to the right pixels that it may match, which keep the least."""
+    for chunk in range((count + LANES - 1) // LANES):
+        d = min(chunk * LANES, count - LANES)
+        value, held = load(total, at + d), load(best, place + d)
+        store(index, place + d, where_smaller(value, held, ramp(np.uint16(d)), load(index, place + d)))
+        store(best, place + d, smaller(value, held))
+
+
+@kernel
+def _select_row(
+    total: NDArray[np.uint16],
+    searched: int,
+    low: int,
+    curve: int,
+    disparity: NDArray[np.float32],
+    right: NDArray[np.float32],
+    ratio: NDArray[np.float32],
+) -> None:
+    """Do for one row what `select_rows` does."""
+    columns = disparity.shape[0]
+    count = total.shape[0] // columns
+    # Index j holds right column `columns - 1 - low - j`, so that rising disparity walks forward through memory.
+    best_right = np.full(columns + count, NOTHING, np.uint16)
+    index_right = np.full(columns + count, NOTHING, np.uint16)
+    for x in range(columns):
+        at = x * count
+        best = _least_of(total, at, count)
+        index = _index_of(total, at, count, best)
+        second = _second_of(total, at, count, searched, index)
+        offset = 0.0
+        if 0 < index < searched - 1:
+            before = float(total[at + index - 1]) - float(best)
+            after = float(total[at + index + 1]) - float(best)
+            span = before + after if curve == PARABOLA else max(before, after)
+            offset = 0.5 * (before - after) / span if span > 0 else 0.0
+            if curve == UNLOCKED:
+                rest = 1.0 - 2.0 * abs(offset)
+                offset += UNLOCKING * offset * rest * rest
+        disparity[x] = np.float32(low + index + offset)
+        flat = second == best or searched <= 3
+        if flat:
+            for d in range(searched):
+                flat = flat and total[at + d] == best
+        ratio[x] = np.float32(np.nan) if flat else np.float32((float(second) + 1.0) / (float(best) + 1.0))
+        _offer(total, at, count, best_right, index_right, columns - 1 - x)
+    for x in range(columns):
+        j = columns - 1 - low - x
+        index = int(index_right[j]) if 0 <= j < columns + count else NOTHING
+        if index >= searched:
+            right[x] = np.float32(np.nan)
+            continue
+        offset = 0.0
+        xl = x + low + index
+        if 0 < index < searched - 1 and 0 < xl < columns - 1:
+            at = xl * count + index
+            middle = float(total[at])
+            before = float(total[at - count - 1]) - middle
+            after = float(total[at + count + 1]) - middle
+            if before >= 0 and after >= 0 and before + after > 0:
+                offset = 0.5 * (before - after) / (before + after)
+        right[x] = np.float32(low + index + offset)
+
+
+@kernel
+def select_rows(
+    totals: NDArray[np.uint16],
+    searched: int,
     low: int,
     curve: int,
     disparity: NDArray[np.float32],
@@ -71,12 +144,10 @@ def select(
 
     Parameters
     ----------
-    total : int16 (H, W, D)
-        Aggregated cost.
-    count : int
+    totals : uint16 (h, W * D)
+        Aggregated cost; those after the disparities searched are larger than all others.
+    searched : int
         Disparities searched, at most D.
-    first : int
-        First row of the volume that belongs to the product.
     low : int
         Disparity of index 0, px.
     curve : int
@@ -86,53 +157,5 @@ def select(
         Filled: left and right disparity in px (right NaN where no left pixel reaches), and the least cost away from the
         found disparity over the found one (1 means ambiguous; NaN where the cost is flat).
     """
-    rows = disparity.shape[0]
-    columns = total.shape[1]
-    # Index j holds right column `columns - 1 - j`, so that rising disparity walks forward through memory.
-    best_right = np.empty(columns, np.int16)
-    index_right = np.empty(columns, np.int16)
-    for i in range(rows):
-        y = first + i
-        best_right[:] = np.int16(32767)
-        index_right[:] = np.int16(-1)
-        for x in range(columns):
-            s = total[y, x][:count]
-            at, best, second, worst = _best_of(s)
-            offset = 0.0
-            if 0 < at < count - 1:
-                before = float(s[at - 1]) - float(best)
-                after = float(s[at + 1]) - float(best)
-                scale = before + after if curve == PARABOLA else max(before, after)
-                offset = 0.5 * (before - after) / scale if scale > 0 else 0.0
-                if curve == UNLOCKED:
-                    rest = 1.0 - 2.0 * abs(offset)
-                    offset += UNLOCKING * offset * rest * rest
-            disparity[i, x] = np.float32(low + at + offset)
-            if worst == best:
-                ratio[i, x] = np.float32(np.nan)
-            else:
-                ratio[i, x] = np.float32((float(second) + 1.0) / (float(best) + 1.0))
-            begin = max(x - low - columns + 1, 0)
-            end = min(x - low + 1, count)
-            if begin < end:
-                shift = columns - 1 - x + low
-                _offer(
-                    s[begin:end],
-                    begin,
-                    best_right[begin + shift : end + shift],
-                    index_right[begin + shift : end + shift],
-                )
-        for x in range(columns):
-            at = int(index_right[columns - 1 - x])
-            if at < 0:
-                right[i, x] = np.float32(np.nan)
-                continue
-            offset = 0.0
-            xl = x + low + at
-            if 0 < at < count - 1 and 0 < xl < columns - 1:
-                middle = float(total[y, xl, at])
-                before = float(total[y, xl - 1, at - 1]) - middle
-                after = float(total[y, xl + 1, at + 1]) - middle
-                if before >= 0 and after >= 0 and before + after > 0:
-                    offset = 0.5 * (before - after) / (before + after)
-            right[i, x] = np.float32(low + at + offset)
+    for row in range(disparity.shape[0]):
+        _select_row(totals[row], searched, low, curve, disparity[row], right[row], ratio[row])

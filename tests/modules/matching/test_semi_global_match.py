@@ -1,101 +1,226 @@
-"""The semi-global matcher against a plain reference, and its bounds on memory."""
+"""The semi-global matcher against a plain reference; its threads, its memory and its costs."""
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from modules.matching.aggregation import Problem, Selection, aggregate, strips_per_half
 from modules.matching.check_left_right import CheckLeftRightParams, check_left_right
-from modules.matching.kernels import cost as cost_kernels
-from modules.matching.kernels import paths as path_kernels
-from modules.matching.semi_global_match import (
-    OVERLAP_ROWS,
-    SemiGlobalMatchParams,
-    rows_per_strip,
-    semi_global_match,
-)
+from modules.matching.features import Features, census_bits, census_offsets, compute_features, slope_values
+from modules.matching.kernels import cost as kernels
+from modules.matching.semi_global_match import SemiGlobalMatchParams, match_gray, semi_global_match
 from modules.operator import OperatorError
 from modules.types import DisparityRange, Matching, Views
 
+Bytes = NDArray[np.uint8]
 
-def plain_path(
-    cost: NDArray[np.int64], gray: NDArray[np.int32], p1: int, p2: NDArray[np.int64], dy: int, dx: int
-) -> NDArray[np.int64]:
-    """Return the path cost of one direction, written as in the paper."""
+
+def plain_arrival(cost: NDArray[np.int64], gray: Bytes, p1: int, p2: Bytes, dy: int, dx: int) -> NDArray[np.int64]:
+    """Return the least cost of arriving along one direction, above the least before, written as in the paper."""
     rows, columns, count = cost.shape
-    out = np.zeros_like(cost)
-    ys = range(rows) if dy >= 0 else range(rows - 1, -1, -1)
-    xs = range(columns) if dx >= 0 else range(columns - 1, -1, -1)
-    for y in ys:
-        for x in xs:
+    arrival, path = np.zeros_like(cost), np.zeros_like(cost)
+    for y in range(rows) if dy >= 0 else range(rows - 1, -1, -1):
+        for x in range(columns) if dx >= 0 else range(columns - 1, -1, -1):
             py, px = y - dy, x - dx
-            if not (0 <= py < rows and 0 <= px < columns):
-                out[y, x] = cost[y, x]
-                continue
-            old = out[py, px]
-            jump = old.min() + p2[abs(int(gray[y, x]) - int(gray[py, px]))]
-            for d in range(count):
-                near = [old[k] + p1 for k in (d - 1, d + 1) if 0 <= k < count]
-                out[y, x, d] = cost[y, x, d] + min([old[d], jump, *near]) - old.min()
-    return out
+            if 0 <= py < rows and 0 <= px < columns:
+                old = path[py, px]
+                jump = old.min() + int(p2[abs(int(gray[y, x]) - int(gray[py, px]))])
+                for d in range(count):
+                    near = [old[k] + p1 for k in (d - 1, d + 1) if 0 <= k < count]
+                    arrival[y, x, d] = min([old[d], jump, *near]) - old.min()
+            path[y, x] = arrival[y, x] + cost[y, x]
+    return arrival
 
 
-@pytest.mark.parametrize("backward", [False, True])
-def test_aggregation_equals_a_plain_implementation(backward: bool) -> None:
-    rng = np.random.default_rng(4)
-    searched = 7
-    cost = np.full((9, 11, 16), cost_kernels.PADDING, np.uint8)
-    cost[:, :, :searched] = rng.integers(0, 247, (9, 11, searched))
-    gray = rng.integers(0, 256, (9, 11)).astype(np.int32)
-    p2 = np.maximum(250 / (1 + 0.05 * np.arange(256)), 38).astype(np.int16)
-    found = np.zeros(cost.shape, np.int16)
-    paths, least = np.empty((2, 3, 13, 18), np.int16), np.empty((2, 3, 13), np.int16)
-    path_kernels.start_paths(paths, least)
-    for begin, end in ((0, 4), (4, 9)):
-        path_kernels.aggregate(cost, searched, gray, 38, p2, backward, begin, end, paths, least, found)
-    directions = [(0, 1), (1, 1), (1, 0), (1, -1)]
-    sign = -1 if backward else 1
-    truth = sum(
-        plain_path(cost[:, :, :searched].astype(np.int64), gray, 38, p2.astype(np.int64), sign * dy, sign * dx)
-        for dy, dx in directions
+def plain_total(cost: NDArray[np.int64], problem: Problem) -> NDArray[np.int64]:
+    """Return the sum over all paths; each sweep's mean is rounded as bytes are."""
+
+    def mean(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+        return (a + b + 1) // 2
+
+    total = 2 * cost
+    for sign in (1, -1):
+        along, left, top, right = (
+            plain_arrival(cost, problem.gray, problem.p1, problem.p2_of_step, sign * dy, sign * dx)
+            for dy, dx in ((0, 1), (1, 1), (1, 0), (1, -1))
+        )
+        both = mean(along, top)
+        total = total + (mean(both, mean(left, right)) if problem.diagonals else both)
+    return total
+
+
+def plain_cost(problem: Problem) -> NDArray[np.int64]:
+    """Return the cost of every pixel and disparity (H, W, D), from the compared bits and values."""
+    rows, columns = problem.gray.shape
+    raw = np.zeros((rows, columns, problem.searched))
+    for x in range(columns):
+        for d in range(problem.searched):
+            at = problem.before - x + d
+            one, other = problem.left[:, x].astype(int), problem.right[:, :, at].T.astype(int)
+            bits = np.bitwise_count(one[:, :-1] ^ other[:, :-1]).sum(axis=1)
+            value = np.minimum(np.abs(one[:, -1] - other[:, -1]), problem.value_limit)
+            raw[:, x, d] = (bits << problem.bit_shift) + value
+    r, side = problem.radius, 2 * problem.radius + 1
+    wide = np.pad(raw, ((r, r), (r, r), (0, 0)), mode="edge")
+    mean = sum(wide[dy : dy + rows, dx : dx + columns] for dy in range(side) for dx in range(side)) / side**2
+    return mean * problem.levels
+
+
+def small_problem(
+    seed: int, rows: int, columns: int, searched: int, low: int = 0, diagonals: bool = True, radius: int = 1
+) -> Problem:
+    rng = np.random.default_rng(seed)
+    left, right = rng.integers(0, 256, (2, rows, columns)).astype(np.uint8)
+    found = compute_features(left, right, low, max(searched, 32), "hybrid", "5x5", 0)
+    p2 = np.maximum(150 / (1 + 0.05 * np.arange(256)), 20).astype(np.uint8)
+    return Problem(
+        found.left, found.right, found.before, low, searched, 1, 31, radius, 1.1, 90, left, 20, p2, diagonals, 1
     )
-    # Beyond the border the reference starts a path afresh; the kernel starts from zero cost, which is the same.
-    np.testing.assert_array_equal(found[:, :, :searched], truth)
 
 
-def test_the_cost_equals_a_plain_implementation() -> None:
-    rng = np.random.default_rng(5)
-    left, right = rng.integers(0, 2**24, (2, 8, 12)).astype(np.uint32)
-    slopes = rng.integers(-1020, 1021, (2, 8, 12)).astype(np.int16)
-    low, count = -3, 9
-    found = np.zeros((8, 12, count), np.uint8)
-    cost_kernels.cost_rows(left, right, slopes[0], slopes[1], low, 31, 1, 0, 8, found)
-    raw = np.zeros((8, 12, count))
-    for y in range(8):
-        for x in range(12):
-            for d in range(count):
-                xr = min(max(x - low - d, 0), 11)
-                bits = int(left[y, x] ^ right[y, xr]).bit_count()
-                raw[y, x, d] = bits + 0.5 * min(abs(int(slopes[0, y, x]) - int(slopes[1, y, xr])), 31)
-    wide = np.pad(raw, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    mean = sum(wide[dy : dy + 8, dx : dx + 12] for dy in range(3) for dx in range(3)) / 9
-    np.testing.assert_allclose(found, np.floor(mean * cost_kernels.COST_UNITS), atol=1)
+def volume(problem: Problem) -> NDArray[np.int64]:
+    rows, columns = problem.gray.shape
+    out = np.zeros((rows, columns * problem.count), np.uint8)
+    p = problem
+    kernels.cost_rows(p.left, p.right, p.before, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, 0, rows, out)
+    return out.reshape(rows, columns, p.count)[:, :, : p.searched].astype(np.int64)
+
+
+def same(one: Selection, other: Selection) -> bool:
+    pairs = ((one.disparity, other.disparity), (one.right_px, other.right_px), (one.ratio, other.ratio))
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    rows=st.integers(2, 9),
+    columns=st.integers(2, 12),
+    searched=st.integers(1, 40),
+    low=st.integers(-9, 9),
+    diagonals=st.booleans(),
+)
+def test_the_choice_equals_that_of_a_plain_implementation(
+    seed: int, rows: int, columns: int, searched: int, low: int, diagonals: bool
+) -> None:
+    problem = small_problem(seed, rows, columns, searched, low, diagonals)
+    total = plain_total(volume(problem), problem)
+    found = aggregate(problem, 1, None)
+    index = total.argmin(axis=2)
+    np.testing.assert_array_equal(np.rint(found.disparity - 1e-6 * np.sign(found.disparity - low - index)), low + index)
+    best = total.min(axis=2)
+    flat = total.max(axis=2) == best
+    np.testing.assert_array_equal(np.isnan(found.ratio), flat)
+    if searched > 3:
+        away = np.abs(np.arange(searched) - index[:, :, None]) > 1
+        second = np.where(away, total, 65535).min(axis=2)
+        expected = ((second + 1) / (best + 1)).astype(np.float32)
+        known = ~flat & away.any(axis=2) & (second < 65535)
+        np.testing.assert_array_equal(found.ratio[known], expected[known])
+    # A right pixel takes the least cost on its diagonal of the same sums.
+    for x in range(columns):
+        reached = [(total[:, x + low + d, d], d) for d in range(searched) if 0 <= x + low + d < columns]
+        if not reached:
+            assert np.isnan(found.right_px[:, x]).all()
+            continue
+        least = np.min([values for values, _ in reached], axis=0)
+        chosen = np.rint(found.right_px[:, x]).astype(int) - low
+        for y in range(rows):
+            candidates = {d for values, d in reached if values[y] == least[y]}
+            assert candidates & {chosen[y] - 1, chosen[y], chosen[y] + 1}
+
+
+@pytest.mark.parametrize(("searched", "low", "radius"), [(7, -3, 1), (33, 5, 0), (40, 0, 2), (64, -60, 5)])
+def test_the_cost_equals_a_plain_implementation(searched: int, low: int, radius: int) -> None:
+    problem = small_problem(5, 13, 70, searched, low, radius=radius)
+    expected = np.minimum(np.floor(plain_cost(problem)), problem.most)
+    np.testing.assert_allclose(volume(problem), expected, atol=1)
 
 
 def test_a_part_of_the_rows_costs_the_same_as_all_of_them() -> None:
-    rng = np.random.default_rng(6)
-    left, right = rng.integers(0, 2**24, (2, 20, 12)).astype(np.uint32)
-    slopes = rng.integers(-1020, 1021, (2, 20, 12)).astype(np.int16)
-    whole, part = np.zeros((20, 12, 8), np.uint8), np.zeros((7, 12, 8), np.uint8)
-    cost_kernels.cost_rows(left, right, slopes[0], slopes[1], 0, 31, 2, 0, 20, whole)
-    cost_kernels.cost_rows(left, right, slopes[0], slopes[1], 0, 31, 2, 6, 13, part)
-    np.testing.assert_array_equal(part, whole[6:13])
+    p = small_problem(6, 20, 12, 32)
+    part = np.zeros((7, 12 * 32), np.uint8)
+    kernels.cost_rows(p.left, p.right, p.before, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, 6, 13, part)
+    np.testing.assert_array_equal(part.reshape(7, 12, 32), volume(p)[6:13])
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 37, 90])
+def test_strips_and_threads_change_nothing(rows: int) -> None:
+    problem = small_problem(8, rows, 50, 40)
+    whole = aggregate(problem, 1, None)
+    with ThreadPoolExecutor(2) as pool:
+        assert same(aggregate(problem, 1, pool), whole)
+        for strips in (2, 3, max(rows // 2, 1)):
+            assert same(aggregate(problem, strips, pool), whole)
+            assert same(aggregate(problem, strips, None), whole)
 
 
 def random_pair(rows: int = 80, columns: int = 120, disparity: int = 5) -> Views:
     wide = np.random.default_rng(7).integers(0, 256, (rows, columns + 20)).astype(np.uint8)
     return Views(wide[:, :columns].copy(), wide[:, disparity : disparity + columns].copy())
+
+
+def test_the_product_depends_neither_on_threads_nor_on_memory() -> None:
+    views = random_pair(rows=240, columns=300)
+    search = DisparityRange(-20, 80)
+    whole = match_gray(views.left, views.right, search, SemiGlobalMatchParams())
+    assert strips_per_half(240, 300, 100, 512, "matching") == 1
+    assert strips_per_half(240, 300, 100, 6, "matching") > 1
+    for threads, memory_mb in ((1, 512), (1, 6), (2, 6)):
+        params = SemiGlobalMatchParams(threads=threads, max_memory_mb=memory_mb)
+        assert same(match_gray(views.left, views.right, search, params), whole)
+
+
+def test_concurrent_calls_give_what_one_gives() -> None:
+    views = [random_pair(disparity=d) for d in (2, 5, 8)]
+    params = SemiGlobalMatchParams()
+
+    def run(one: Views) -> Selection:
+        return match_gray(one.left, one.right, DisparityRange(0, 12), params)
+
+    alone = [run(one) for one in views]
+    with ThreadPoolExecutor(3) as pool:
+        together = list(pool.map(run, views * 2))
+    assert all(same(one, other) for one, other in zip(alone * 2, together, strict=True))
+
+
+def test_census_has_a_bit_for_every_darker_pixel() -> None:
+    image = np.array([[9, 1, 5], [6, 5, 2], [5, 4, 7]], np.uint8)
+    offsets = census_offsets("3x3")
+    centre = census_bits(image, offsets, 0, False)[0, 1, 1]
+    assert [bool(centre >> k & 1) for k in range(8)] == [False, True, False, False, True, False, True, False]
+    darker_or_brighter = census_bits(image, offsets, 1, True)[:, 1, 1]
+    bits = [bool(darker_or_brighter[k // 8] >> k % 8 & 1) for k in range(16)]
+    assert bits[0::2] == [False, True, False, False, True, False, False, False]
+    assert bits[1::2] == [True, False, False, False, False, False, False, True]
+
+
+@pytest.mark.parametrize(("name", "number"), [("3x3", 8), ("5x5", 24), ("7x7", 48), ("9x7", 62), ("9x9_sparse", 24)])
+def test_a_census_compares_as_many_pixels_as_its_window_has(name: str, number: int) -> None:
+    assert len(census_offsets(name)) == number  # type: ignore[arg-type]
+
+
+def test_slopes_are_odd_and_rise() -> None:
+    step = np.repeat(np.arange(0, 250, 10, dtype=np.uint8)[None], 3, axis=0)
+    up, down = slope_values(step)[1], slope_values(step[:, ::-1].copy())[1]
+    assert up[1] == up[5] > 128
+    assert int(up[5]) - 128 == 128 - int(down[5])
+    ramps = [int(slope_values(np.array([[0, 0, k, k]] * 3, np.uint8))[1, 1]) for k in range(0, 256, 5)]
+    assert ramps == sorted(ramps)
+
+
+@pytest.mark.parametrize("cost", ["census", "ternary_census", "hybrid", "sobel", "absolute_difference"])
+@pytest.mark.parametrize("census", ["3x3", "9x7"])
+def test_a_cost_fits_its_bytes(cost: str, census: str) -> None:
+    image = np.random.default_rng(1).integers(0, 256, (20, 30)).astype(np.uint8)
+    found: Features = compute_features(image, 255 - image, 0, 8, cost, census, 2)  # type: ignore[arg-type]
+    assert (8 * (found.left.shape[2] - 1) << found.bit_shift) + found.value_limit <= 255
 
 
 def test_every_increasing_map_leaves_the_census_result_unchanged() -> None:
@@ -107,6 +232,15 @@ def test_every_increasing_map_leaves_the_census_result_unchanged() -> None:
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.disparity_px, two.disparity_px)
+
+
+@pytest.mark.parametrize("cost", ["census", "ternary_census", "hybrid", "sobel", "absolute_difference"])
+@pytest.mark.parametrize("paths", [4, 8])
+def test_every_cost_finds_a_shift(cost: str, paths: int) -> None:
+    params = SemiGlobalMatchParams(cost=cost, paths=paths)  # type: ignore[arg-type]
+    found = semi_global_match(Matching(random_pair(), DisparityRange(0, 12)), params).disparity
+    assert found is not None
+    assert np.mean(np.abs(found.disparity_px[:, 10:] - 5) < 0.5) > 0.95
 
 
 def test_confidence_is_a_probability_and_right_and_left_agree() -> None:
@@ -122,21 +256,11 @@ def test_confidence_is_a_probability_and_right_and_left_agree() -> None:
     assert checked.valid.mean() > 0.9
 
 
-def test_strips_are_as_good_as_the_whole() -> None:
-    views = random_pair(rows=240, columns=600)
-    whole, strips = (
-        semi_global_match(Matching(views, DisparityRange(0, 100)), SemiGlobalMatchParams(max_memory_mb=mb)).disparity
-        for mb in (512, 20)
+def test_too_little_memory_is_refused_before_any_is_taken() -> None:
+    words = (
+        "matching.semi_global_match: 40000x30000 px and 128 disparities need at least 4962 MB, but max_memory_mb is "
+        "500; raise it, narrow the range or reduce the images"
     )
-    assert rows_per_strip(240, 600, 100, 20) < 240
-    assert whole is not None
-    assert strips is not None
-    same = np.isclose(whole.disparity_px, strips.disparity_px, atol=0.25, equal_nan=True)
-    assert same.mean() > 0.98
-
-
-def test_strips_cover_the_image_within_the_memory_and_too_little_memory_is_refused() -> None:
-    height = rows_per_strip(1000, 1000, 128, 100)
-    assert (height + 2 * OVERLAP_ROWS) * 1000 * 128 * 3 <= 100e6
-    with pytest.raises(OperatorError, match="need at least 25 MB, but max_memory_mb is 24"):
-        rows_per_strip(1000, 1000, 128, 24)
+    with pytest.raises(OperatorError) as caught:
+        strips_per_half(30000, 40000, 128, 500, "matching.semi_global_match")
+    assert str(caught.value) == words

@@ -1,0 +1,259 @@
+"""Semi-global aggregation in bounded memory, by one or two threads, with one result.
+
+Two sweeps, downwards and upwards, carry four paths each. Both start at once and keep the sums of their half of the
+rows; where they meet, each goes on through the half of the other, whose sums are there, and every row is finished:
+added up and decided. So the volume of costs never exists, and one byte per pixel and disparity is kept. Where even that
+is too much, the halves are cut into strips: of all but the last only the state of the sweep before it is kept, and when
+the other sweep arrives the strip is swept once more from that state. Nothing is approximated: the result depends
+neither on the number of threads nor on the memory.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.operator import OperatorError
+from modules.types import FloatImage
+
+Bytes = NDArray[np.uint8]
+
+COST_ROWS = 32  # rows whose cost is computed at a time
+FINAL_ROWS = 4  # rows that are decided at a time, while they are in the cache
+FEWEST_DISPARITIES = 32  # the kernels count on whole vectors
+STATES = 6  # rows of path costs in one state: three paths, the row before and this one
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is matched; the arrays are as `kernels.cost.cost_rows` and `kernels.sweeps.sweep_rows` want them.
+
+    Attributes
+    ----------
+    left : uint8 (H, W, K + 1)
+    right : uint8 (K + 1, H, L)
+    before : int
+    low, searched : int
+        First disparity and their number, px.
+    bit_shift, value_limit, radius : int
+    levels : float
+    most : int
+    gray : uint8 (H, W)
+    p1 : int
+    p2_of_step : uint8 (256,)
+    diagonals : bool
+    curve : int
+    """
+
+    left: Bytes
+    right: Bytes
+    before: int
+    low: int
+    searched: int
+    bit_shift: int
+    value_limit: int
+    radius: int
+    levels: float
+    most: int
+    gray: Bytes
+    p1: int
+    p2_of_step: Bytes
+    diagonals: bool
+    curve: int
+
+    @property
+    def count(self) -> int:
+        """Disparities held, at least as many as searched."""
+        return max(self.searched, FEWEST_DISPARITIES)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What is decided: disparity of the left and right image, px, and the ratio of the second best cost to the best."""
+
+    disparity: FloatImage
+    right_px: FloatImage
+    ratio: FloatImage
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a sweep has come: path costs and their least in the row before and this one; room for a path along it."""
+
+    paths: Bytes
+    least: Bytes
+    along: Bytes
+
+    def row(self, index: int) -> tuple[Bytes, Bytes]:
+        """Return the path costs and their least in the row before a row, counted from where the sweep starts."""
+        return self.paths[index % 2], self.least[index % 2]
+
+
+def strips_per_half(rows: int, columns: int, count: int, max_memory_mb: int, name: str) -> int:
+    """Return into how few strips each half must be cut.
+
+    Raises
+    ------
+    OperatorError
+        If the memory does not suffice, however many they are.
+    """
+    half = math.ceil(rows / 2)
+    held = max(count, FEWEST_DISPARITIES)
+    sizes = [(_bytes_needed(half, columns, held, strips), strips) for strips in range(1, half + 1)]
+    fitting = [strips for size, strips in sizes if size <= max_memory_mb * 1e6]
+    if not fitting:
+        raise OperatorError(
+            f"{name}: {columns}x{rows} px and {count} disparities need at least {math.ceil(min(sizes)[0] / 1e6)} MB, "
+            f"but max_memory_mb is {max_memory_mb}; raise it, narrow the range or reduce the images"
+        )
+    return fitting[0]
+
+
+def _bytes_needed(half: int, columns: int, count: int, strips: int) -> int:
+    """Return the memory of both threads."""
+    saved = 3 * strips if strips > 1 else 0
+    replay = STATES if strips > 1 else 0
+    rows = math.ceil(half / strips) + saved + STATES + replay + COST_ROWS + 2 * FINAL_ROWS
+    return 2 * rows * (columns + 2) * (count + 2)
+
+
+class _Worker:
+    """One of the two sweeps, and the rows in which it decides."""
+
+    def __init__(self, problem: Problem, backward: bool, strips: int, out: Selection) -> None:
+        self.problem, self.backward, self.out = problem, backward, out
+        rows, columns = problem.gray.shape
+        middle = rows // 2
+        low, high = (middle, rows) if backward else (0, middle)
+        edges = [low + (high - low) * k // strips for k in range(strips + 1)]
+        own = list(pairwise(edges))
+        self.strips = own[::-1] if backward else own  # in the order of the sweep
+        size = columns * problem.count
+        tallest = max(bottom - top for top, bottom in own)
+        self.kept = np.empty((max(tallest, 1), size), np.uint8)
+        self.saved: list[tuple[Bytes, Bytes]] = []
+        self.state = self._fresh()
+        self.cost = np.empty((COST_ROWS, size), np.uint8)
+        self.total = np.empty((FINAL_ROWS, size), np.uint16)
+
+    def _fresh(self) -> State:
+        columns, cell = self.problem.gray.shape[1], self.problem.count + 2
+        paths = np.zeros((2, columns + 2, 3, cell), np.uint8)
+        paths[..., 0] = paths[..., -1] = 255
+        return State(paths.reshape(2, -1), np.zeros((2, columns + 2, 3), np.uint8), np.full(2 * cell, 255, np.uint8))
+
+    def keep_own_half(self) -> None:
+        """Sweep over the half where the sweep starts: keep the sums of the last strip, and the state before it."""
+        from modules.matching.kernels import sweeps
+
+        for number, (top, bottom) in enumerate(self.strips):
+            last = number == len(self.strips) - 1
+            if not last:
+                paths, least = self.state.row(self._index(top, bottom)[0])
+                self.saved.append((paths.copy(), least.copy()))
+            self.sweep(self.state, top, bottom, sweeps.KEEP if last else sweeps.CARRY, self.kept)
+
+    def finish_half_of(self, other: _Worker) -> None:
+        """Sweep on over the half of the other, whose sums are there or are made again, and decide its rows."""
+        from modules.matching.kernels import sweeps
+
+        again = self._fresh() if other.saved else None
+        for number in range(len(other.strips) - 1, -1, -1):
+            top, bottom = other.strips[number]
+            if again is not None and number < len(other.saved):
+                for held, saved in zip(again.row(other._index(top, bottom)[0]), other.saved[number], strict=True):
+                    held[:] = saved
+                other.sweep(again, top, bottom, sweeps.KEEP, other.kept, self.cost)
+            self.sweep(self.state, top, bottom, sweeps.JOIN, other.kept)
+
+    def _index(self, top: int, bottom: int) -> tuple[int, int]:
+        """Return rows of the image as rows counted from where the sweep starts."""
+        rows = self.problem.gray.shape[0]
+        return (rows - bottom, rows - top) if self.backward else (top, bottom)
+
+    def sweep(self, state: State, top: int, bottom: int, mode: int, kept: Bytes, cost: Bytes | None = None) -> None:
+        """Sweep over rows top to bottom of the image."""
+        from modules.matching.kernels import sweeps
+
+        cost = self.cost if cost is None else cost
+        final = mode == sweeps.JOIN
+        for first, last in self._batches(top, bottom, COST_ROWS):
+            self._fill_cost(first, last, cost)
+            for begin, end in self._batches(first, last, FINAL_ROWS) if final else [(first, last)]:
+                p = self.problem
+                sweeps.sweep_rows(
+                    cost,
+                    first,
+                    p.gray,
+                    *self._index(begin, end),
+                    self.backward,
+                    p.diagonals,
+                    p.p1,
+                    p.p2_of_step,
+                    state.paths,
+                    state.least,
+                    state.along,
+                    mode,
+                    kept,
+                    top,
+                    self.total,
+                )
+                if final:
+                    self._decide(begin, end)
+
+    def _batches(self, top: int, bottom: int, size: int) -> list[tuple[int, int]]:
+        """Cut rows into batches, in the order of the sweep."""
+        cuts = [(first, min(first + size, bottom)) for first in range(top, bottom, size)]
+        return cuts[::-1] if self.backward else cuts
+
+    def _fill_cost(self, first: int, last: int, cost: Bytes) -> None:
+        from modules.matching.kernels import cost as kernels
+
+        p = self.problem
+        part = cost[: last - first]
+        kernels.cost_rows(
+            p.left, p.right, p.before, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, first, last, part
+        )
+        if p.searched < p.count:
+            part.reshape(last - first, -1, p.count)[:, :, p.searched :] = kernels.PADDING
+
+    def _decide(self, begin: int, end: int) -> None:
+        from modules.matching.kernels import selection
+
+        p, out, part = self.problem, self.out, slice(begin, end)
+        total = self.total[: end - begin]
+        selection.select_rows(
+            total, p.searched, p.low, p.curve, out.disparity[part], out.right_px[part], out.ratio[part]
+        )
+
+
+def aggregate(problem: Problem, strips: int, pool: ThreadPoolExecutor | None) -> Selection:
+    """Return what has the least sum of path costs.
+
+    Parameters
+    ----------
+    problem : Problem
+    strips : int
+        Per half of the rows; see `strips_per_half`.
+    pool : ThreadPoolExecutor or None
+        Where the sweeps run, at least two threads; None for the calling thread.
+    """
+    shape = problem.gray.shape
+    out = Selection(*(np.empty(shape, np.float32) for _ in range(3)))
+    down, up = (_Worker(problem, backward, strips, out) for backward in (False, True))
+    if pool is None:
+        for worker in (down, up):
+            worker.keep_own_half()
+        down.finish_half_of(up)
+        up.finish_half_of(down)
+        return out
+    for begun in [pool.submit(worker.keep_own_half) for worker in (down, up)]:
+        begun.result()
+    for begun in [pool.submit(down.finish_half_of, up), pool.submit(up.finish_half_of, down)]:
+        begun.result()
+    return out
