@@ -68,6 +68,10 @@ bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over develo
 bench-inference: $(STAMP)  ## Measure inference: shipped rules and generated rule bases, both engines
 	@$(BIN)/python -m benchmarks.inference
 
+.PHONY: bench-rules
+bench-rules: $(STAMP)  ## Measure the time to check rule files of 100 and 1000 rules
+	@$(BIN)/python -m benchmarks.rule_check
+
 mutation: $(STAMP)  ## Change every rule a little and check that one of its cases fails
 	@$(BIN)/python tests/expert/mutation.py
 

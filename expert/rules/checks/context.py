@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from expert.facts import SEVERITIES, Fact, FieldInfo, Vocabulary
 from expert.rules.layers import Merged, Origin
@@ -36,6 +36,9 @@ from expert.rules.reader import Path
 from expert.rules.shape import place_of
 from modules.operator import Operator
 from modules.probe import Probe
+
+if TYPE_CHECKING:
+    from expert.rules.checks.logic import Conjunction
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,7 @@ class RuleScope:
     origin: Origin
     bound: dict[str, str] = field(default_factory=dict)
     inner: dict[str, str] = field(default_factory=dict)
+    reading: Conjunction | None = None  # of its conditions, made when first asked for
 
     @classmethod
     def of(cls, context: Context, rule: Rule, origin: Origin) -> RuleScope:

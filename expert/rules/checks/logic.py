@@ -25,6 +25,7 @@ class Conjunction:
     scope: RuleScope
     conditions: tuple[tuple[Condition, Path], ...]
     allowed: dict[Place, Region] = field(default_factory=dict)
+    regions: dict[Path, tuple[Instance, Region]] = field(default_factory=dict)
     clash: tuple[Path, Path] | None = None  # two conditions that exclude each other; the same one twice: it alone
 
     @classmethod
@@ -35,6 +36,7 @@ class Conjunction:
         for condition, path in found.conditions:
             if isinstance(condition, Comparison) and (region := region_of(scope, condition)) is not None:
                 place = (found.instance(condition), condition.field or "")
+                found.regions[path] = (place[0], region)
                 earlier = found.allowed.get(place)
                 met = region if earlier is None else earlier.meet(region)
                 if met.empty and found.clash is None:
@@ -106,7 +108,14 @@ class Conjunction:
 
     def implies(self, other: Conjunction) -> bool:
         """Say whether the other holds whenever this one does."""
-        return all(self.implies_one(condition, other) for condition, _ in other.conditions)
+        return all(self._implies(condition, path, other) for condition, path in other.conditions)
+
+    def _implies(self, condition: Condition, path: Path, other: Conjunction) -> bool:
+        read = other.regions.get(path)
+        if read is not None and isinstance(condition, Comparison):
+            mine = self.allowed.get((read[0], condition.field or ""))
+            return (mine is not None and mine.within(read[1])) or any(item == condition for item, _ in self.conditions)
+        return self.implies_one(condition, other)
 
     def implies_one(self, condition: Condition, other: Conjunction | None = None) -> bool:
         """Say whether one condition, of another conjunction, holds whenever this one does."""
@@ -144,8 +153,11 @@ def _stronger(first: FindingCondition, second: FindingCondition) -> bool:
 
 
 def of_rule(scope: RuleScope) -> Conjunction:
-    """Read the conditions of a rule."""
-    return Conjunction.of(scope, [(condition, path) for condition, path, depth in scope.conditions if depth == 0])
+    """Read the conditions of a rule, once."""
+    if scope.reading is None:
+        top = [(condition, path) for condition, path, depth in scope.conditions if depth == 0]
+        scope.reading = Conjunction.of(scope, top)
+    return scope.reading
 
 
 def groups(scope: RuleScope) -> Iterator[tuple[Path, Sequence[tuple[Condition, Path]]]]:

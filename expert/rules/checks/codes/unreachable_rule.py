@@ -21,29 +21,33 @@ class _World:
         self.context = context
         self.order = [str(stage) for stage in STAGES]
         self.reachable: set[str] = set()
-        self.derived = {name for scope in context.scopes for name in derived_by(scope.rule)}
+        self.deriving: dict[str, list[tuple[RuleScope, str]]] = {}
+        self.asking: dict[str, list[RuleScope]] = {}
+        for scope in context.scopes:
+            for name, severity in derived_by(scope.rule).items():
+                self.deriving.setdefault(name, []).append((scope, severity))
+            for action in scope.rule.then:
+                if isinstance(action, Measure):
+                    self.asking.setdefault(action.measure, []).append(scope)
 
-    def before(self, scope: RuleScope, *, strictly: bool = False) -> Iterator[RuleScope]:
-        """Yield the rules that may fire of the stages up to that of a rule."""
-        mine = self.order.index(scope.rule.stage)
-        for other in self.context.scopes:
-            its = self.order.index(other.rule.stage)
-            if other.rule.id in self.reachable and (its < mine or (its == mine and not strictly)):
-                yield other
+    def comes_before(self, other: RuleScope, scope: RuleScope) -> bool:
+        """Say whether a rule may fire, in the stage of another or earlier."""
+        earlier = self.order.index(other.rule.stage) <= self.order.index(scope.rule.stage)
+        return earlier and other.rule.id in self.reachable and other.rule.id != scope.rule.id
 
     def lacks_finding(self, scope: RuleScope, condition: FindingCondition) -> str:
         """Say why a finding is never there; empty when it may be, or when no rule at all derives it."""
-        if condition.finding not in self.derived:
+        if condition.finding not in self.deriving:
             return ""  # reported where it is declared
-        worst = -1
-        for other in self.before(scope):
-            severity = derived_by(other.rule).get(condition.finding)
-            if severity is not None and other.rule.id != scope.rule.id:
-                worst = max(worst, SEVERITIES.index(severity))
-        if worst < 0:
+        severities = [
+            SEVERITIES.index(severity)
+            for other, severity in self.deriving[condition.finding]
+            if self.comes_before(other, scope)
+        ]
+        if not severities:
             return f"no rule of this stage or an earlier one derives '{condition.finding}' for it"
-        if worst < SEVERITIES.index(condition.at_least):
-            return f"'{condition.finding}' is {SEVERITIES[worst]} at worst, never {condition.at_least}"
+        if max(severities) < SEVERITIES.index(condition.at_least):
+            return f"'{condition.finding}' is {SEVERITIES[max(severities)]} at worst, never {condition.at_least}"
         return ""
 
     def lacks_fact(self, scope: RuleScope, condition: Comparison) -> str:
@@ -58,16 +62,9 @@ class _World:
         if stage is not None:
             early = self.order.index(scope.rule.stage) < self.order.index(stage)
             return f"'{condition.fact}' is measured of the product of {stage}, after this stage" if early else ""
-        if probe.tier == "cheap" or self._asked(scope, probe.name):
+        if probe.tier == "cheap" or any(self.comes_before(other, scope) for other in self.asking.get(probe.name, [])):
             return ""
         return f"'{condition.fact}' is measured by {probe.name}, which no rule of this stage or an earlier one asks for"
-
-    def _asked(self, scope: RuleScope, probe: str) -> bool:
-        return any(
-            isinstance(action, Measure) and action.measure == probe
-            for other in self.before(scope)
-            for action in other.rule.then
-        )
 
     def _lacks_planned(self, scope: RuleScope, condition: Comparison) -> str:
         if condition.op != "eq" or not isinstance(condition.value, str):
