@@ -17,8 +17,8 @@ from expert.pair import StereoPair
 from expert.plan import Directives, StagePlan
 from expert.result import Result
 from expert.rules.load import load_rules
-from expert.rules.model import STAGES
-from expert.supervise import Knowledge, Run, StepFailed
+from expert.rules.model import STAGES, RuleBase
+from expert.supervise import Knowledge, Measured, Run, StepFailed
 from expert.versions import versions
 from modules.catalog import operators, probes
 from modules.measurement.sample import Sample
@@ -77,11 +77,22 @@ class ExpertSystem:
         return self._knowledge.rules.digest
 
     @property
+    def rule_base(self) -> RuleBase:
+        """The rules in force, layers merged."""
+        return self._knowledge.rules.base
+
+    @property
     def rule_ids(self) -> tuple[str, ...]:
         """Ids of the rules, layers included, sorted."""
         return tuple(sorted(rule.id for rule in self._knowledge.rules.base.rules))
 
-    def decide(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Decision:
+    def decide(
+        self,
+        pair: StereoPair,
+        *,
+        progress: Callable[[str], None] | None = None,
+        measured: Measured | None = None,
+    ) -> Decision:
         """Measure the pair and plan every stage, without dense matching.
 
         Parameters
@@ -89,13 +100,16 @@ class ExpertSystem:
         pair : StereoPair
         progress : callable, optional
             Called with the name of what begins.
+        measured : dict, optional
+            What was measured of this pair before, and is not measured again; what is measured now is added to it. Give
+            the same dict to systems with other rules to compare their decisions about one pair.
 
         Returns
         -------
         Decision
             With status `decided`, or `failed` where a critical finding forbids a reconstruction.
         """
-        run = self._begin(pair, progress)
+        run = self._begin(pair, progress, measured)
         for stage in STAGES[1:]:
             run.plan(stage)
         return self._decision(pair, run, "failed" if run.critical() else "decided")
@@ -171,9 +185,10 @@ class ExpertSystem:
         """Tell the smallest change of facts that gives an operator, or `stage.slot=operator`."""
         return explain.what_would_it_take(decision, self._knowledge.rules, self._knowledge.engine, wanted)
 
-    def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None) -> Run:
+    def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None, measured: Measured | None = None) -> Run:
         facts: dict[Fact, str | None] = {to_fact(model): None for model in self._stated(pair)}
         run = Run(self._knowledge, Sample(pair.views, pair.given_range), facts)
+        run.memory = {} if measured is None else measured
         if progress is not None:
             run.progress = progress
         run.decide_measurement()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from expert.decision import Decision
 from expert.explain.replay import Outcome, Replay
 from expert.firing import Engine, RunawayRuleBase
-from expert.plan import NONE, PlanError, Step
+from expert.plan import NONE, PlanError, StagePlan, Step
 from expert.rules.load import LoadedRules
 
 
@@ -61,7 +62,8 @@ def redecide(file: str, decision: Decision, old: LoadedRules, new: LoadedRules, 
         return Redecision(file, decision.pair, () if same else (f"{_said(before)} -> {_said(after)}",))
     measured = frozenset(record.probe for record in decision.facts)
     unknown = tuple(sorted(name for name in after.asked - before.asked if name not in measured))
-    return Redecision(file, decision.pair, (*_steps(before, after), *_findings(before, after)), unknown)
+    changes = (*plan_changes(before.plans, after.plans), *finding_changes(before.findings, after.findings))
+    return Redecision(file, decision.pair, changes, unknown)
 
 
 def _outcome(decision: Decision, rules: LoadedRules, engine: Engine) -> Outcome | str:
@@ -75,11 +77,11 @@ def _said(outcome: Outcome | str) -> str:
     return f"no plan ({outcome})" if isinstance(outcome, str) else "a plan"
 
 
-def _steps(before: Outcome, after: Outcome) -> Iterable[str]:
+def plan_changes(before: Mapping[Any, StagePlan], after: Mapping[Any, StagePlan]) -> Iterator[str]:
     """Say which slots are filled by another operator or with other parameters; a slot of one side only counts."""
     old, new = (
-        {f"{stage}.{step.slot}": step for stage, plan in outcome.plans.items() for step in plan.steps}
-        for outcome in (before, after)
+        {f"{stage}.{step.slot}": step for stage, plan in plans.items() for step in plan.steps}
+        for plans in (before, after)
     )
     nothing = Step(slot="", operator=NONE, parameters={}, chosen_by=None)
     for slot in [*old, *(name for name in new if name not in old)]:
@@ -96,7 +98,8 @@ def _by(step: Step) -> str:
     return step.chosen_by or "default"
 
 
-def _findings(before: Outcome, after: Outcome) -> Iterable[str]:
-    for title, names in (("gone", before.findings - after.findings), ("new", after.findings - before.findings)):
+def finding_changes(before: frozenset[tuple[str, str]], after: frozenset[tuple[str, str]]) -> Iterator[str]:
+    """Say which findings, each with its severity, are gone and which are new."""
+    for title, names in (("gone", before - after), ("new", after - before)):
         for name, severity in sorted(names):
             yield f"finding {title}: {name} ({severity})"

@@ -41,6 +41,9 @@ class Knowledge:
 
 
 Start = Callable[[Directives], Any]
+Measured = dict[
+    str, tuple[FactModel, ...] | OperatorError
+]  # of one pair, by probe; an error where it could not measure
 Earlier = tuple[Firings, StagePlan, Mapping[Fact, str | None]]
 
 
@@ -79,6 +82,7 @@ class Run:
     facts: dict[Fact, str | None]  # facts about the pair and the task, and the probe of each
     progress: Callable[[str], None] = field(default=lambda _: None)
     measured: set[str] = field(default_factory=set)
+    memory: Measured = field(default_factory=dict)
     concluded: dict[Stage, Firings] = field(default_factory=dict)
     plans: dict[Stage, StagePlan] = field(default_factory=dict)
     product_facts: dict[Stage, Mapping[Fact, str | None]] = field(default_factory=dict)
@@ -99,15 +103,22 @@ class Run:
             self.timings_s[what] = self.timings_s.get(what, 0.0) + time.perf_counter() - start
 
     def measure(self, probe: Probe) -> None:
-        """Run one probe of the pair and add its facts; a probe that cannot measure adds none and is noted."""
+        """Run one probe of the pair and add its facts; a probe that cannot measure adds none and is noted.
+
+        What `memory` holds of the probe is used as it is.
+        """
         self.measured.add(probe.name)
-        with self.timed(probe.name):
-            try:
-                models = probe.function(self.sample)
-            except OperatorError as error:
-                self.notes.append(f"{probe.name} could not measure: {error}")
-                return
-        self.facts.update({to_fact(model): probe.name for model in models})
+        if probe.name not in self.memory:
+            with self.timed(probe.name):
+                try:
+                    self.memory[probe.name] = tuple(probe.function(self.sample))
+                except OperatorError as error:
+                    self.memory[probe.name] = error
+        found = self.memory[probe.name]
+        if isinstance(found, OperatorError):
+            self.notes.append(f"{probe.name} could not measure: {found}")
+        else:
+            self.facts.update({to_fact(model): probe.name for model in found})
 
     def measure_cheap(self) -> None:
         """Run the probes that every pair gets."""

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Optional
 
 import typer
 
-from expert.cli import rule_diff, rule_writing
+from expert.cli import rule_diff, rule_watch, rule_writing
 from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.engine import EngineName, make_engine
 from expert.facts import Vocabulary
@@ -163,3 +163,4 @@ app.command()(rule_writing.graph)
 app.command()(rule_writing.new)
 app.command()(rule_writing.fmt)
 app.command()(rule_diff.diff)
+app.command()(rule_watch.watch)

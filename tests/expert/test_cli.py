@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -238,7 +239,7 @@ def test_a_wrong_rule_file_is_refused_with_every_position(
     (folder / "rig.yaml").write_text("version: 1\nrules:\n  - id: RIG001\n", encoding="utf-8")
     said = refused(folder, monkeypatch, capsys, "run", "left.png", "right.png", "--rules", "rig.yaml").splitlines()
     assert len(said) > 1
-    assert all(line.startswith("rig.yaml:3:5: missing-key: rule RIG001: ") for line in said)
+    assert all(re.match("rig.yaml:3:5: missing-[a-z]+: rule RIG001: ", line) for line in said), said
 
 
 @pytest.mark.parametrize(

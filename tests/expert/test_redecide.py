@@ -101,7 +101,7 @@ def test_changed_parameters_and_new_slots_are_changes(tmp_path):
 
 def test_a_plan_that_becomes_impossible_is_a_change(tmp_path):
     old = loaded(tmp_path, RULES)
-    formula = "{div: [{field: brightness.mean_difference_dn}, 0.001]}"
+    formula = "{div: [{field: brightness.mean_difference_dn}, {value: 0.001, unit: dn/px}]}"
     new = loaded(
         tmp_path,
         RULES.replace("[{finding: exposure-differs}]", "[{finding: exposure-differs}, {fact: brightness}]")
