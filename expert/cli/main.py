@@ -179,6 +179,7 @@ def simulate(
 def main() -> None:
     """Run the command line; faults of the input end with exit code 2 and a sentence."""
     from expert.cli.batch import batch
+    from expert.cli.calibrate import calibrate
     from expert.cli.evaluate import evaluate
     from expert.cli.explain import explain
     from expert.cli.log import log
@@ -194,6 +195,7 @@ def main() -> None:
         app.command()(batch)
         app.command()(log)
         app.command()(evaluate)
+        app.command()(calibrate)
         app.command()(explain)
         app.command()(report)
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")

@@ -1,7 +1,13 @@
 """Files in and out; the only module that touches the file system."""
 
 from modules.formats.atomic import whole_folder
-from modules.formats.attitude import attitude_from_degrees, read_attitude, write_attitude
+from modules.formats.attitude import (
+    attitude_from_degrees,
+    attitude_from_gravity,
+    attitude_from_rotation,
+    read_attitude,
+    write_attitude,
+)
 from modules.formats.calibration import (
     CalibrationFile,
     CalibrationSource,
@@ -32,6 +38,8 @@ __all__ = [
     "FormatError",
     "ImuLog",
     "attitude_from_degrees",
+    "attitude_from_gravity",
+    "attitude_from_rotation",
     "calibration_schema",
     "check_calibration",
     "for_images",
