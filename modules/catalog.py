@@ -24,7 +24,7 @@ SLOTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "correction": ("align", "defects", "denoise", "sharpness", "radiometry", "local", "masks"),
         "matching": ("range", "matcher", "consistency", "uniqueness", "speckles", "refine"),
-        "reconstruction": ("frame", "triangulate", "gate", "grid", "fill", "terrain"),
+        "reconstruction": modules.reconstruction.SLOTS,
     }
 )
 

@@ -41,9 +41,11 @@ def least_squares_plane(
 ) -> NDArray[np.float64]:
     """Return a, b, c (3,) of the plane that minimises the weighted squared residuals of z over points (N, 2), (N,)."""
     centre = xy.mean(axis=0)
-    root = np.sqrt(weights)
-    design = np.column_stack([xy - centre, np.ones(len(xy))]) * root[:, None]
-    a, b, c = np.linalg.lstsq(design, z * root, rcond=None)[0]
+    x, y, one = xy[:, 0] - centre[0], xy[:, 1] - centre[1], np.ones(len(xy))
+    design = np.stack([x, y, one])
+    # Normal equations: three unknowns of about the same size about the centre need no orthogonal factors.
+    normal = (design * weights) @ design.T
+    a, b, c = np.linalg.lstsq(normal, (design * weights) @ z, rcond=1e-12)[0]
     return np.array([a, b, c - a * centre[0] - b * centre[1]])
 
 
