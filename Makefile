@@ -14,7 +14,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-causes bench-facts bench-inference mutation schema fmt lock wheel clean
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-causes bench-facts bench-inference mutation schema fmt lock wheel clean bench-terrain
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -57,7 +57,11 @@ property-engines: $(STAMP)  ## Compare experta, compiled and CLIPS on 20 000 ran
 
 bench: $(STAMP)  ## Measure accuracy and the share of time per pair, and the elevation error on rendered terrain
 	@$(BIN)/python -m benchmarks
-	@$(BIN)/python -m benchmarks.terrain
+	@$(BIN)/python -m benchmarks.terrain --seeds 3 --distortions clean
+
+bench-terrain: $(STAMP)  ## Measure elevation, uncertainty and hazards on rendered terrain against the bars, and the speed
+	@$(BIN)/python -m benchmarks.terrain $(ARGS)
+	@$(BIN)/python -m benchmarks.terrain --speed
 
 bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matrix over development pairs (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.causes $(ARGS)

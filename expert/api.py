@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,18 @@ from expert import explain
 from expert.decision import Decision, Status
 from expert.engine import make_engine
 from expert.explain import How, WhatIf, WhatItTakes, WhyNot
-from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, Scalar, Task, to_fact, vocabulary
+from expert.facts import (
+    Available,
+    Fact,
+    FactModel,
+    MeasuredAttitude,
+    Rig,
+    Scalar,
+    StatedRover,
+    Task,
+    to_fact,
+    vocabulary,
+)
 from expert.pair import StereoPair
 from expert.plan import Directives, StagePlan
 from expert.result import Result
@@ -22,7 +34,7 @@ from expert.supervise import Knowledge, Measured, Run, StepFailed
 from expert.versions import versions
 from modules.catalog import operators, probes
 from modules.measurement.sample import Sample
-from modules.types import Matching, Mount, Scene, Views
+from modules.types import Matching, Mount, Rover, Scene, Views
 
 Profile = Literal["fast", "balanced", "best"]
 OPTIONAL_PACKAGES = ("numba",)
@@ -43,6 +55,8 @@ class ExpertSystem:
         The two agree on every decision.
     time_budget_s, memory_budget_mb : float, optional
         Facts that rules read.
+    rover : Rover, optional
+        The vehicle that shall drive on the terrain; its size sets the limits of the traversability.
 
     Raises
     ------
@@ -64,8 +78,10 @@ class ExpertSystem:
         *,
         time_budget_s: float | None = None,
         memory_budget_mb: float | None = None,
+        rover: Rover | None = None,
     ) -> None:
         self.profile = profile
+        self._rover = None if rover is None else StatedRover(**asdict(rover))
         self._task = Task(profile=profile, time_budget_s=time_budget_s, memory_budget_mb=memory_budget_mb)
         words = vocabulary(probes().values())
         loaded = load_rules([Path(path) for path in rules], words, operators(), probes())
@@ -144,6 +160,7 @@ class ExpertSystem:
                 calibration=pair.calibration,
                 attitude=pair.attitude,
                 mount=pair.mount or Mount(),
+                mask=matchings[-1][0].views.left_mask,
             )
 
         final: Scene | None = run.run_stage("reconstruction", "terrain", scene)
@@ -219,7 +236,8 @@ class ExpertSystem:
         installed = [
             Available(package=name, installed=importlib.util.find_spec(name) is not None) for name in OPTIONAL_PACKAGES
         ]
-        return [task, rig, known, *installed]
+        rover = [] if self._rover is None else [self._rover]
+        return [task, rig, known, *rover, *installed]
 
     def _decision(self, pair: StereoPair, run: Run, status: Status) -> Decision:
         return Decision(

@@ -62,6 +62,16 @@ class MeasuredAttitude(FactModel):
     pitch_deg: float | None = quantity("Pitch, positive lowers the nose", unit="deg", ge=-90, le=90, default=None)
 
 
+class StatedRover(FactModel):
+    """The rover that shall drive on the terrain, where the caller states one."""
+
+    template: ClassVar[str] = "rover"
+    wheel_radius_m: float = quantity("Radius of the wheels", unit="m", ge=0.001, le=2.0, resolution=0.001)
+    clearance_m: float = quantity("Height of the belly above the ground", unit="m", ge=0.001, le=5.0, resolution=0.001)
+    width_m: float = quantity("Width", unit="m", ge=0.001, le=10.0, resolution=0.001)
+    max_tilt_deg: float = quantity("Largest tilt", unit="deg", ge=0.1, le=60.0, resolution=0.1)
+
+
 class Planned(FactModel):
     """An operator that an earlier stage has run."""
 
@@ -109,6 +119,7 @@ OWN_TEMPLATES: tuple[type[FactModel], ...] = (
     Task,
     Rig,
     MeasuredAttitude,
+    StatedRover,
     Planned,
     Available,
     Trial,

@@ -403,6 +403,16 @@ class Scene:
     ground: GroundPlane | None = None  # fitted where the attitude is unknown
 
 
+@dataclass(frozen=True)
+class Rover:
+    """The vehicle that shall drive on the terrain; the defaults are a rover as wide as a person."""
+
+    wheel_radius_m: float = 0.125  # it climbs steps up to this
+    clearance_m: float = 0.25  # height of the belly above the ground
+    width_m: float = 0.8
+    max_tilt_deg: float = 20.0
+
+
 class Hazard(IntEnum):
     """What makes a cell of an elevation map untraversable."""
 

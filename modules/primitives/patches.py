@@ -36,9 +36,7 @@ class PatchPlanes:
     enough: Mask
 
 
-def fit_planes(
-    z: Floats, radius: int, cell_m: float, min_fraction: float, used: Mask | None = None
-) -> PatchPlanes:
+def fit_planes(z: Floats, radius: int, cell_m: float, min_fraction: float, used: Mask | None = None) -> PatchPlanes:
     """Fit a plane by least squares to the square patch of `2 radius + 1` cells about every cell.
 
     Parameters

@@ -27,7 +27,9 @@ BORDER_KNOWN = (0.5, 0.95)  # known part of the ground under the rover: hazard b
 class AssessTraversabilityParams(OperatorParams):
     """Parameters of `assess_traversability`: the rover."""
 
-    wheel_radius_m: float = Field(0.125, gt=0.0, le=2.0, description="Radius of the wheels, m; higher steps are hazards")
+    wheel_radius_m: float = Field(
+        0.125, gt=0.0, le=2.0, description="Radius of the wheels, m; higher steps are hazards"
+    )
     clearance_m: float = Field(0.25, gt=0.0, le=5.0, description="Height of the belly above the ground, m")
     width_m: float = Field(0.8, gt=0.0, le=10.0, description="Width of the rover, m; it may turn on the spot")
     max_tilt_deg: float = Field(20.0, gt=0.0, le=60.0, description="Largest tilt of the rover, deg")
@@ -137,7 +139,9 @@ def _goods(z: Floats, top: Floats, cell_m: float, params: AssessTraversabilityPa
     }
 
 
-def _step(z: Floats, top: Floats, a: Floats, b: Floats, kernel: NDArray[np.uint8], cell_m: float, steepest: float) -> Floats:
+def _step(
+    z: Floats, top: Floats, a: Floats, b: Floats, kernel: NDArray[np.uint8], cell_m: float, steepest: float
+) -> Floats:
     """Return the height (H, W) of each top above the neighbours under the kernel, less that of the slope a, b."""
     scale = np.minimum(1.0, steepest / np.maximum(np.hypot(a, b), 1e-9)) * cell_m
     a, b = a * scale, b * scale
@@ -178,6 +182,6 @@ OPERATOR = Operator(
     params=AssessTraversabilityParams,
     function=assess_traversability,
     cost=Cost(fixed_ms=15.0, ns_per_pixel=40.0),
-    summary="Compares step, roughness and slope of every cell, and the ground under the rover, with the rover's limits.",
+    summary="Compares step, roughness and slope of every cell and under the whole rover with its limits.",
     suits="Planning the next metres of a wheeled rover; cells must be smaller than a wheel.",
 )

@@ -79,9 +79,7 @@ def sums_of_cells(
 
 
 @_jit
-def count_agreeing(
-    disparity: NDArray[np.float32], radius: int, gradient: float, tolerance: float
-) -> NDArray[np.int32]:
+def count_agreeing(disparity: NDArray[np.float32], radius: int, gradient: float, tolerance: float) -> NDArray[np.int32]:
     """Count the neighbours (H, W) whose disparity differs by at most `tolerance + gradient * distance in px`.
 
     NaN pixels have 0 and are no neighbours.

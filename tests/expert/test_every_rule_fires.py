@@ -17,7 +17,7 @@ from expert.facts import vocabulary
 from expert.rules.load import load_rules
 from modules.catalog import operators, probes
 from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, distort_right, render_terrain
-from modules.types import Attitude, Calibration, Views
+from modules.types import Attitude, Calibration, Rover, Views
 
 WIDTH, HEIGHT = 320, 240
 CAMERA = Calibration(250.0, 160.0, 120.0, 0.09, WIDTH, HEIGHT)
@@ -70,6 +70,10 @@ def rendered_decisions(system: ExpertSystem) -> Iterator[Decision]:
     yield system.reconstruct(
         StereoPair(smeared.left, distort_right(smeared, "noise", seed=1, strength=2.0).right)
     ).decision
+    small = Rover(wheel_radius_m=0.06, clearance_m=0.12, width_m=0.4)
+    yield ExpertSystem(engine="compiled", rover=small).decide(
+        StereoPair(made.left, made.right, disparity_range_px=(0, 32), **known)
+    )
     for profile, budget in (("fast", None), ("balanced", 0.1)):
         other = ExpertSystem(profile=profile, engine="compiled", time_budget_s=budget, memory_budget_mb=200)
         yield other.decide(StereoPair(made.left, made.right, disparity_range_px=(0, 32)))
