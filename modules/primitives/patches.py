@@ -51,13 +51,13 @@ def fit_planes(z: Floats, radius: int, cell_m: float, min_fraction: float, used:
         Cells that take part; all known ones when None. The plane is given at every cell with enough of them.
     """
     known = np.isfinite(z) if used is None else used & np.isfinite(z)
-    offset = np.arange(-radius, radius + 1) * cell_m
+    offset = np.arange(-radius, radius + 1, dtype=np.float64) * cell_m
     one = np.ones(len(offset))
     level = float(np.mean(z[known])) if known.any() else 0.0  # near zero the sums of squares keep their digits
     filled = np.where(known, z - level, 0.0)
     mask = known.astype(np.float64)
 
-    def total(image: Floats, along_x: Floats, along_y: Floats) -> Floats:
+    def total(image: Floats, along_x: NDArray[np.floating], along_y: NDArray[np.floating]) -> Floats:
         return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, along_x, along_y, borderType=cv2.BORDER_CONSTANT))
 
     n = np.maximum(total(mask, one, one), 1.0)

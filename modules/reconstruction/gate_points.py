@@ -88,7 +88,8 @@ def gate_points(scene: Scene, params: GatePointsParams) -> Scene:
     if fit is not None:
         if params.min_grazing_deg > 0.0:
             drop(_grazing_sine(points, fit) < math.sin(math.radians(params.min_grazing_deg)), "grazing")
-        height = points.xyz_m[:, 2] - fit.at(points.xyz_m[:, 0], points.xyz_m[:, 1])
+        xyz = points.xyz_m.astype(np.float64)
+        height = xyz[:, 2] - fit.at(xyz[:, 0], xyz[:, 1])
         drop(height > params.max_above_m, "too_high")
         drop(height < -params.max_below_m, "too_low")
     if not keep.any():
