@@ -7,12 +7,13 @@ import re
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Annotated, NoReturn, Optional
+from typing import Annotated, Literal, NoReturn, Optional
 
 import typer
 
-from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load
+from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.rules.cases import case_directory
+from expert.rules.drawing import as_svg
 from expert.rules.graph import as_mermaid, rule_graph
 from expert.rules.load import LoadedRules
 from expert.rules.model import Stage
@@ -26,15 +27,25 @@ def graph(
     ids: Annotated[Optional[list[str]], typer.Argument(help="Rule ids; all rules without any.")] = None,  # noqa: UP045
     rules: Layers = None,
     stage: Annotated[Optional[Stage], typer.Option("--stage", help="Only the rules of one stage.")] = None,  # noqa: UP045
+    form: Annotated[Literal["mermaid", "svg"], typer.Option("--format", help="How to draw it.")] = "mermaid",
+    out: Annotated[Optional[Path], typer.Option("--out", help="File to write; `.svg` draws SVG.")] = None,  # noqa: UP045
 ) -> None:
-    """Draw rules with the facts and findings they read, and the findings, slots and probes they write, as Mermaid."""
+    """Draw rules with the facts and findings they read, and the findings, slots and probes they write."""
     loaded = load(rules)
     for name in ids or []:
         known(loaded, name)
     chosen = [
         rule.id for rule in loaded.base.rules if (not ids or rule.id in ids) and (not stage or rule.stage == stage)
     ]
-    typer.echo(as_mermaid(rule_graph(loaded.base, operators(), probes(), chosen)), nl=False)
+    if form == "svg" or (out is not None and out.suffix == ".svg"):
+        text = as_svg(loaded.base, words(), operators(), probes(), chosen)
+    else:
+        text = as_mermaid(rule_graph(loaded.base, operators(), probes(), chosen))
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        _replace(out, text)
+        typer.echo(f"written to {out}")
 
 
 def new(
