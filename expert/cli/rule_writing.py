@@ -1,4 +1,4 @@
-"""Commands of `terrex rules` for those who write rules: graph, new and fmt."""
+"""Commands of `terrex rules` for those who write rules: graph, pages, new and fmt."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from typing import Annotated, Literal, NoReturn, Optional
 import typer
 
 from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
-from expert.rules.cases import case_directory
+from expert.rules.cases import case_directory, read_cases
 from expert.rules.drawing import as_svg
 from expert.rules.graph import as_mermaid, rule_graph
 from expert.rules.load import LoadedRules
 from expert.rules.model import Stage
+from expert.rules.pages import Reference
+from expert.rules.pages import pages as reference_pages
 from expert.rules.problem import RuleFileError
 from expert.rules.skeleton import NEW_FILE, appended, cases_skeleton, next_id, rule_skeleton
 from expert.rules.style import format_rules
@@ -46,6 +48,29 @@ def graph(
     else:
         _replace(out, text)
         typer.echo(f"written to {out}")
+
+
+def pages(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the pages; pages of an earlier run are replaced.")],
+    rules: Layers = None,
+    cases: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--cases", help="Directory of the case files."),
+    ] = None,
+) -> None:
+    """Write reference pages in Markdown: rules, facts, operators, thresholds, findings, slots and check codes."""
+    loaded, vocabulary = load(rules), words()
+    files, problems = read_cases(loaded.merged, vocabulary, cases)
+    if problems:
+        _refuse("\n".join(str(problem) for problem in problems), 1)
+    made = reference_pages(Reference(loaded, files, vocabulary, operators(), probes()))
+    for folder in ("rules", "checks"):
+        for old in (out / folder).glob("*.md") if (out / folder).is_dir() else []:
+            if f"{folder}/{old.name}" not in made:
+                old.unlink()
+    for path, text in made.items():
+        _replace(out / path, text)
+    typer.echo(f"{len(made)} pages written to {out}; begin with {out / 'README.md'}")
 
 
 def new(

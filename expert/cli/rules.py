@@ -162,5 +162,6 @@ def schema() -> None:
 app.command()(rule_writing.graph)
 app.command()(rule_writing.new)
 app.command()(rule_writing.fmt)
+app.command()(rule_writing.pages)
 app.command()(rule_diff.diff)
 app.command()(rule_watch.watch)
