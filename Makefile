@@ -79,8 +79,9 @@ bench-rules: $(STAMP)  ## Measure the time to check rule files of 100 and 1000 r
 mutation: $(STAMP)  ## Change every rule a little and check that one of its cases fails
 	@$(BIN)/python tests/expert/mutation.py
 
-schema: $(STAMP)  ## Write the schema of rule files, for editors
+schema: $(STAMP)  ## Write the schemas of rule files, for editors, and of decision.json
 	@$(BIN)/terrex rules schema > knowledge/rules.schema.json
+	@$(BIN)/terrex explain --schema > knowledge/decision.schema.json
 
 fmt: $(STAMP)  ## Format code and rules, and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true

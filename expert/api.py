@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -12,29 +11,18 @@ from typing import Any, Literal
 from expert import explain
 from expert.decision import Decision, Status
 from expert.engine import make_engine
-from expert.explain import How, WhatIf, WhatItTakes, WhyNot
-from expert.facts import (
-    Available,
-    Fact,
-    FactModel,
-    MeasuredAttitude,
-    Rig,
-    Scalar,
-    StatedRover,
-    Task,
-    to_fact,
-    vocabulary,
-)
+from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, StatedRover, Task, to_fact, vocabulary
 from expert.pair import StereoPair
-from expert.plan import Directives, StagePlan
+from expert.plan import Directives, StagePlan, StepFailed
+from expert.recorder import inputs_record, product_digests
 from expert.result import Result
 from expert.rules.load import load_rules
 from expert.rules.model import STAGES, RuleBase
-from expert.supervise import Knowledge, Measured, Run, StepFailed
+from expert.supervise import Knowledge, Measured, Run
 from expert.versions import versions
 from modules.catalog import operators, probes
 from modules.measurement.sample import Sample
-from modules.types import Matching, Mount, Rover, Scene, Views
+from modules.types import Matching, Rover, Scene, Views
 
 Profile = Literal["fast", "balanced", "best"]
 OPTIONAL_PACKAGES = ("numba",)
@@ -86,6 +74,7 @@ class ExpertSystem:
         words = vocabulary(probes().values())
         loaded = load_rules([Path(path) for path in rules], words, operators(), probes())
         self._knowledge = Knowledge(loaded, make_engine(engine, words), operators(), probes())
+        self._rules_record = explain.embed(loaded)
 
     @property
     def rules_digest(self) -> str:
@@ -128,7 +117,7 @@ class ExpertSystem:
         run = self._begin(pair, progress, measured)
         for stage in STAGES[1:]:
             run.plan(stage)
-        return self._decision(pair, run, "failed" if run.critical() else "decided")
+        return self._decision(pair, run, "failed" if run.critical() else "decided", {})
 
     def reconstruct(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Result:
         """Run the whole loop on a pair.
@@ -137,7 +126,7 @@ class ExpertSystem:
         """
         run = self._begin(pair, progress)
         if run.critical():
-            return Result(self._decision(pair, run, "failed"), pair.views)
+            return Result(self._decision(pair, run, "failed", {}), pair.views)
         corrector = _Corrector(run, pair.views)
 
         def unmatched(directives: Directives) -> Matching:
@@ -146,7 +135,8 @@ class ExpertSystem:
         matching: Matching | None = run.run_stage("matching", "disparity", unmatched)
         if matching is None or matching.disparity is None or run.critical():
             views, disparity = (matching.views, matching.disparity) if matching else (corrector.views, None)
-            return Result(self._decision(pair, run, "failed"), views, disparity, original=pair.views)
+            decision = self._decision(pair, run, "failed", product_digests(disparity, None))
+            return Result(decision, views, disparity, original=pair.views)
         matchings = [(matching, matching.disparity)]
 
         def scene(directives: Directives) -> Scene:
@@ -154,14 +144,7 @@ class ExpertSystem:
                 again: Matching = run.run_again("matching", "disparity", directives, unmatched)
                 if again.disparity is not None:
                     matchings.append((again, again.disparity))
-            return Scene(
-                disparity=matchings[-1][1],
-                left=pair.left,
-                calibration=pair.calibration,
-                attitude=pair.attitude,
-                mount=pair.mount or Mount(),
-                mask=matchings[-1][0].views.left_mask,
-            )
+            return pair.scene(matchings[-1][0])
 
         final: Scene | None = run.run_stage("reconstruction", "terrain", scene)
         if final is not None:  # the matching that the kept terrain was made of
@@ -170,37 +153,8 @@ class ExpertSystem:
         if run.critical() or (pair.calibration is not None and (final is None or final.elevation is None)):
             status = "failed"
         points, elevation = (final.points, final.elevation) if final else (None, None)
-        decision = self._decision(pair, run, status)
+        decision = self._decision(pair, run, status, product_digests(matching.disparity, elevation))
         return Result(decision, matching.views, matching.disparity, points, elevation, original=pair.views)
-
-    def how(self, decision: Decision, subject: str) -> How:
-        """Tell how a choice came about.
-
-        Parameters
-        ----------
-        decision : Decision
-            Made by this system, or by one with the same rules and read back by `Decision.from_json`.
-        subject : str
-            A stage, a slot (`matching.matcher`), an operator of the plan, or a finding.
-
-        Raises
-        ------
-        expert.explain.ExplainError
-            The decision knows no such thing, or was made with other rules. The same holds for the other questions.
-        """
-        return explain.how(decision, subject, self._knowledge.rules)
-
-    def why_not(self, decision: Decision, name: str) -> WhyNot:
-        """Tell why an operator was not chosen, or why a rule did not fire."""
-        return explain.why_not(decision, self._knowledge.rules, name)
-
-    def what_if(self, decision: Decision, overrides: Mapping[str, Scalar | None]) -> WhatIf:
-        """Tell what would be planned if facts had other values, e.g. `{"brightness.mean_difference_dn": 0.0}`."""
-        return explain.what_if(decision, self._knowledge.rules, self._knowledge.engine, overrides)
-
-    def what_would_it_take(self, decision: Decision, wanted: str) -> WhatItTakes:
-        """Tell the smallest change of facts that gives an operator, or `stage.slot=operator`."""
-        return explain.what_would_it_take(decision, self._knowledge.rules, self._knowledge.engine, wanted)
 
     def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None, measured: Measured | None = None) -> Run:
         facts: dict[Fact, str | None] = {to_fact(model): None for model in self._stated(pair)}
@@ -239,22 +193,24 @@ class ExpertSystem:
         rover = [] if self._rover is None else [self._rover]
         return [task, rig, known, *rover, *installed]
 
-    def _decision(self, pair: StereoPair, run: Run, status: Status) -> Decision:
+    def _decision(self, pair: StereoPair, run: Run, status: Status, products: dict[str, str]) -> Decision:
         return Decision(
             pair=pair.name,
             status=status,
             profile=self.profile,
             rules_digest=self._knowledge.rules.digest,
-            inputs_digest=_digest(pair),
+            inputs=inputs_record(pair),
             facts=run.fact_records(),
             firings=run.firing_records(),
             findings=run.findings(),
             plans={plan.stage: plan for plan in run.plans.values()},
             trials=tuple(run.trials),
             notes=tuple(run.notes),
+            products=products,
             engine=self._knowledge.engine.name,
             versions=versions(),
             timings_s={name: round(seconds, 6) for name, seconds in run.timings_s.items()},
+            rules=self._rules_record,
         )
 
 
@@ -283,14 +239,3 @@ class _Corrector:
                     plan = self._run.plan("correction", directives, self._failed)
         self.views = self._done[plan.configuration()]
         return self.views
-
-
-def _digest(pair: StereoPair) -> str:
-    digest = hashlib.sha256()
-    for array in (pair.left, pair.right, pair.left_mask, pair.right_mask):
-        if array is not None:
-            digest.update(f"{array.shape}{array.dtype}".encode())
-            digest.update(array.tobytes())
-    mount = None if pair.mount is None else (pair.mount.rotation.tolist(), pair.mount.translation_m)
-    digest.update(repr((pair.disparity_range_px, pair.calibration, pair.attitude, mount)).encode())
-    return digest.hexdigest()

@@ -18,7 +18,18 @@ from modules.formats.calibration import (
 from modules.formats.images import read_image
 from modules.primitives.frames import rectified_mount
 from modules.rectification.rectify import RectificationError, already_rectified, rectify_images
-from modules.types import Attitude, Calibration, DisparityRange, Image, Mask, Mount, StereoRig, Views
+from modules.types import (
+    Attitude,
+    Calibration,
+    DisparityRange,
+    Image,
+    Mask,
+    Matching,
+    Mount,
+    Scene,
+    StereoRig,
+    Views,
+)
 
 MIN_SIDE_PX = 16
 MAX_MEGAPIXELS = 100.0
@@ -263,6 +274,19 @@ class StereoPair:
     def views(self) -> Views:
         """The pair as the correction stage takes it."""
         return Views(self.left, self.right, self.left_mask, self.right_mask)
+
+    def scene(self, matching: Matching) -> Scene:
+        """Return a matching of the pair, which has a disparity, as the reconstruction stage takes it."""
+        if matching.disparity is None:
+            raise ValueError("the matching has no disparity")
+        return Scene(
+            disparity=matching.disparity,
+            left=self.left,
+            calibration=self.calibration,
+            attitude=self.attitude,
+            mount=self.mount or Mount(),
+            mask=matching.views.left_mask,
+        )
 
     @property
     def given_range(self) -> DisparityRange | None:

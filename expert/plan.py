@@ -5,7 +5,8 @@ Never by firing order. Every loser is kept with the reason why it lost.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -13,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from expert.facts import Scalar
 from expert.firing import Firing
 from expert.rules.model import Adjust, Choose, Exclude, Repair, Rule, RuleBase, Set, Slot, Stage
-from modules.operator import Operator, OperatorParams
+from modules.operator import Operator, OperatorError, OperatorParams
 
 NONE = "none"
 
@@ -72,6 +73,14 @@ class StagePlan(Record):
     def configuration(self) -> tuple[tuple[str, str], ...]:
         """Return what would be run, comparable, to notice a configuration that was tried before."""
         return tuple((step.operator, repr(sorted(step.parameters.items()))) for step in self.steps)
+
+
+class StepFailed(Exception):
+    """An operator of a plan could not do its work."""
+
+    def __init__(self, operator: str, reason: str) -> None:
+        super().__init__(f"{operator}: {reason}")
+        self.operator = operator
 
 
 class PlanError(Exception):
@@ -281,6 +290,45 @@ def _validated(operator: Operator, values: Mapping[str, Any]) -> OperatorParams:
             for item in error.errors()
         )
         raise PlanError(f"{operator.name}: {problems}") from error
+
+
+def execute(
+    plan: StagePlan,
+    state: Any,
+    operators: Mapping[str, Operator],
+    around: Callable[[str], AbstractContextManager[Any]] = nullcontext,
+) -> Any:
+    """Run the steps of a plan on the state of its stage.
+
+    Parameters
+    ----------
+    plan : StagePlan
+    state : Views, Matching or Scene
+    operators : mapping
+        The catalog.
+    around : callable, optional
+        Gives a context for every step, by the name of its operator.
+
+    Raises
+    ------
+    PlanError
+        The catalog has no such operator, or it takes no such parameters.
+    StepFailed
+        An operator could not do its work.
+    """
+    for step in plan.steps:
+        if step.operator == NONE:
+            continue
+        if step.operator not in operators:
+            raise PlanError(f"slot {plan.stage}.{step.slot}: there is no operator {step.operator!r}")
+        operator = operators[step.operator]
+        params = _validated(operator, step.parameters)
+        with around(step.operator):
+            try:
+                state = operator.function(state, params)
+            except OperatorError as error:
+                raise StepFailed(step.operator, str(error)) from error
+    return state
 
 
 def settle(

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from expert.decision import Decision
-from expert.explain.replay import Outcome, Replay
+from expert.explain.replan import Outcome, Replan
 from expert.firing import Engine, RunawayRuleBase
 from expert.plan import NONE, PlanError, StagePlan, Step
-from expert.rules.load import LoadedRules
+from expert.rules.load import KnownRules
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def read_records(folder: Path) -> tuple[list[tuple[str, Decision]], list[str]]:
     return found, problems
 
 
-def redecide(file: str, decision: Decision, old: LoadedRules, new: LoadedRules, engine: Engine) -> Redecision:
+def redecide(file: str, decision: Decision, old: KnownRules, new: KnownRules, engine: Engine) -> Redecision:
     """Plan one pair from its recorded facts with both rule bases and compare.
 
     Facts about products stay as they were recorded, though other operators would give other products.
@@ -66,9 +66,9 @@ def redecide(file: str, decision: Decision, old: LoadedRules, new: LoadedRules, 
     return Redecision(file, decision.pair, changes, unknown)
 
 
-def _outcome(decision: Decision, rules: LoadedRules, engine: Engine) -> Outcome | str:
+def _outcome(decision: Decision, rules: KnownRules, engine: Engine) -> Outcome | str:
     try:
-        return Replay(decision, rules, engine).run()
+        return Replan(decision, rules, engine).run()
     except (PlanError, RunawayRuleBase) as error:
         return str(error)
 

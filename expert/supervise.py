@@ -11,13 +11,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
-from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord, fact_record
-from expert.facts import SEVERITIES, Fact, Failure, Planned, to_fact
+from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
+from expert.facts import SEVERITIES, Fact, Failure, Planned, Vocabulary, to_fact, vocabulary
 from expert.facts import Trial as TrialFact
 from expert.firing import Engine, Firings
-from expert.plan import NONE, Directives, StagePlan, adjustments, proposals, settle
+from expert.plan import NONE, Directives, StagePlan, StepFailed, adjustments, execute, proposals, settle
+from expert.recorder import fact_record, firing_records
 from expert.rules.load import LoadedRules
 from expert.rules.model import STAGES, Assess, Derive, Measure, Repair, Rule, Stage
 from modules.measurement.sample import Sample
@@ -38,6 +40,11 @@ class Knowledge:
     engine: Engine
     operators: Mapping[str, Operator]
     probes: Mapping[str, Probe]
+
+    @cached_property
+    def words(self) -> Vocabulary:
+        """Every template that rules may speak of."""
+        return vocabulary(self.probes.values())
 
 
 Start = Callable[[Directives], Any]
@@ -63,14 +70,6 @@ class Attempt:
     def score(self) -> float | None:
         """The no-reference score of the product, where a probe gives one."""
         return next((float(value) for fact in self.found if (value := fact.get("score")) is not None), None)
-
-
-class StepFailed(Exception):
-    """An operator of a plan could not do its work."""
-
-    def __init__(self, operator: str, reason: str) -> None:
-        super().__init__(f"{operator}: {reason}")
-        self.operator = operator
 
 
 @dataclass
@@ -206,17 +205,13 @@ class Run:
         StepFailed
             An operator could not do its work.
         """
-        for step in plan.steps:
-            if step.operator == NONE:
-                continue
-            operator = self.knowledge.operators[step.operator]
-            self.progress(step.operator)
-            with self.timed(step.operator):
-                try:
-                    state = operator.function(state, operator.params(**step.parameters))
-                except OperatorError as error:
-                    raise StepFailed(step.operator, str(error)) from error
-        return state
+        return execute(plan, state, self.knowledge.operators, self._around)
+
+    @contextmanager
+    def _around(self, operator: str) -> Iterator[None]:
+        self.progress(operator)
+        with self.timed(operator):
+            yield
 
     def run_stage(self, stage: Stage, subject: Subject | None, start: Start) -> Any:
         """Run one stage until its product is accepted or the trials are used up; return the best product, or None.
@@ -264,7 +259,7 @@ class Run:
             attempt = Attempt(number, plan, product, found, assessed, before, directives)
             attempts.append(attempt)
             extended = self._extend(directives, attempt.assessed)
-            self.trials.append(_trial_record(stage, attempt, _asks(extended, directives)))
+            self.trials.append(_trial_record(stage, attempt, _asks(extended, directives), self.knowledge.words))
             if extended == directives:
                 break
             directives = extended
@@ -368,17 +363,12 @@ class Run:
         probe_of = dict(self.facts)
         for found in self.product_facts.values():
             probe_of.update(found)
+        base, words = self.knowledge.rules.base, self.knowledge.words
         return tuple(
-            FiringRecord(
-                rule=firing.rule,
-                name=self._rules[firing.rule].name,
-                stage=stage,
-                bindings={alias: fact_record(fact, probe_of.get(fact)) for alias, fact in firing.bindings},
-                because=self._rules[firing.rule].because,
-            )
+            record
             for stage in STAGES
             if stage in self.concluded
-            for firing in self.concluded[stage].firings
+            for record in firing_records(base, stage, self.concluded[stage], probe_of, words)
         )
 
     def fact_records(self) -> tuple[FactRecord, ...]:
@@ -386,7 +376,8 @@ class Run:
         facts = dict(self.facts)
         for found in self.product_facts.values():
             facts.update(found)
-        return tuple(fact_record(fact, probe) for fact, probe in sorted(facts.items(), key=lambda item: repr(item[0])))
+        ordered = sorted(facts.items(), key=lambda item: repr(item[0]))
+        return tuple(fact_record(fact, probe, self.knowledge.words) for fact, probe in ordered)
 
 
 def _trial_facts(stage: Stage, number: int, failed: frozenset[str]) -> dict[Fact, str | None]:
@@ -403,12 +394,12 @@ def _finding_rank(record: FindingRecord) -> tuple[int, int, str]:
     return -SEVERITIES.index(record.severity), STAGES.index(record.stage), record.name
 
 
-def _trial_record(stage: Stage, attempt: Attempt, answer: str) -> TrialRecord:
+def _trial_record(stage: Stage, attempt: Attempt, answer: str, words: Vocabulary) -> TrialRecord:
     return TrialRecord(
         stage=stage,
         number=attempt.number,
         plan=attempt.plan,
-        product_facts=tuple(fact_record(fact, probe) for fact, probe in sorted(attempt.found.items())),
+        product_facts=tuple(fact_record(fact, probe, words) for fact, probe in sorted(attempt.found.items())),
         score=attempt.score,
         answer=answer or "accepted",
     )

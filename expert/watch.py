@@ -97,6 +97,6 @@ def _why_quiet(system: ExpertSystem, decision: Decision, rules: Sequence[str]) -
     for rule in rules:
         if rule in system.rule_ids:
             try:
-                yield system.why_not(decision, rule).text().strip()
+                yield decision.why_not(rule).text().strip()
             except ExplainError as error:
                 yield str(error)

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from expert.decision import Decision
-from expert.engine import EngineName, make_engine
-from expert.explain import ExplainError, check_digest
-from expert.explain import how as tell_how
-from expert.explain import what_if as tell_what_if
-from expert.explain import what_would_it_take as tell_take
-from expert.explain import why_not as tell_why_not
-from expert.facts import vocabulary
-from expert.firing import Engine
-from expert.rules.load import LoadedRules, load_rules
-from modules.catalog import operators, probes
-
-Rules = Annotated[
-    list[Path] | None,
-    typer.Option("--rules", help="Rule file of the run, layered on the shipped rules"),
-]
+from expert.cli.usage import UsageError
+from expert.decision import Decision, record_schema
+from expert.explain import ExplainError
+from expert.explain.prov import as_prov
+from expert.plan import PlanError, Record
 
 
 def explain(
-    record: Annotated[Path, typer.Argument(metavar="DECISION", help="decision.json of a run, or of decide --json")],
+    record: Annotated[
+        Path | None, typer.Argument(metavar="DECISION", help="decision.json of a run, or of decide --json")
+    ] = None,
     how: Annotated[
         list[str] | None, typer.Option("--how", metavar="SLOT", help="A stage, slot, operator of the plan, or finding")
     ] = None,
@@ -40,38 +33,55 @@ def explain(
     take: Annotated[
         list[str] | None, typer.Option("--take", metavar="OPERATOR", help="An operator, or stage.slot=operator")
     ] = None,
-    rules: Rules = None,
-    engine: EngineName = "experta",
+    margins: Annotated[
+        bool, typer.Option("--margins", help="How near every measured value was to the limits of the rules")
+    ] = False,
+    prov: Annotated[bool, typer.Option("--prov", help="Print where everything came from as W3C PROV-JSON")] = False,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of decision.json")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the answers as a JSON list")] = False,
 ) -> None:
-    """Explain a saved decision; without a question, tell how every choice came about."""
+    """Explain a saved decision by the rules it carries; without a question, tell how every choice came about."""
+    if schema:
+        typer.echo(json.dumps(record_schema(), indent=1))
+        return
+    if record is None:
+        raise UsageError("give the decision.json to explain")
+    decision = read_record(record)
+    if prov:
+        typer.echo(json.dumps(as_prov(decision), indent=1, ensure_ascii=False))
+        return
+    asked: list[Callable[[], Record]] = [lambda name=name: decision.how(name) for name in how or ()]  # type: ignore[misc]
+    asked += [lambda name=name: decision.why_not(name) for name in why_not or ()]  # type: ignore[misc]
+    asked += [lambda: decision.what_if(_assignments(what_if or []))] if what_if else []
+    asked += [lambda name=name: decision.what_would_it_take(name) for name in take or ()]  # type: ignore[misc]
+    asked += [decision.margins] if margins else []
+    if not asked:
+        stages = ["measurement", *decision.plans]
+        asked = [lambda name=name: decision.how(name) for name in stages]  # type: ignore[misc]
     try:
-        decision = _read(record)
-        loaded, motor = _knowledge(rules, engine)
-        check_digest(decision, loaded)
-        stages = [] if why_not or what_if or take else ["measurement", *decision.plans]
-        texts = [tell_how(decision, name, loaded).text() for name in how or stages]
-        texts += [tell_why_not(decision, loaded, name).text() for name in why_not or []]
-        if what_if:
-            texts.append(tell_what_if(decision, loaded, motor, _assignments(what_if)).text())
-        texts += [tell_take(decision, loaded, motor, name).text() for name in take or []]
-    except ExplainError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2) from error
-    typer.echo("\n".join(texts), nl=False)
+        answers = [question() for question in asked]
+    except (ExplainError, PlanError) as error:
+        raise UsageError(str(error)) from error
+    if as_json:
+        typer.echo(json.dumps([answer.model_dump(mode="json") for answer in answers], indent=1, ensure_ascii=False))
+    else:
+        typer.echo("\n".join(answer.text() for answer in answers), nl=False)  # type: ignore[attr-defined]
 
 
-def _read(path: Path) -> Decision:
+def read_record(path: Path) -> Decision:
+    """Read a decision record.
+
+    Raises
+    ------
+    UsageError
+        There is no such file, or it is no record.
+    """
     try:
         return Decision.from_json(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ExplainError(f"{path}: cannot read the file: {error.strerror}") from error
+        raise UsageError(f"{path}: cannot read the file: {error.strerror}") from error
     except ValueError as error:
-        raise ExplainError(f"{path}: {error}") from error
-
-
-def _knowledge(rules: list[Path] | None, engine: EngineName) -> tuple[LoadedRules, Engine]:
-    words = vocabulary(probes().values())
-    return load_rules(rules, words, operators(), probes()), make_engine(engine, words)
+        raise UsageError(f"{path}: {error}") from error
 
 
 def _assignments(texts: list[str]) -> dict[str, str]:
@@ -79,6 +89,6 @@ def _assignments(texts: list[str]) -> dict[str, str]:
     for text in texts:
         target, equals, value = text.rpartition("=")
         if not equals or not target:
-            raise ExplainError(f"--what-if {text!r} is not FACT.FIELD=VALUE, e.g. brightness.offset_dn=0")
+            raise UsageError(f"--what-if {text!r} is not FACT.FIELD=VALUE, e.g. brightness.offset_dn=0")
         found[target] = value
     return found

@@ -183,6 +183,7 @@ def main() -> None:
     from expert.cli.evaluate import evaluate
     from expert.cli.explain import explain
     from expert.cli.log import log
+    from expert.cli.replay import replay_command
     from expert.cli.report import report
     from expert.cli.rules import app as rules_app
     from expert.firing import RunawayRuleBase
@@ -197,6 +198,7 @@ def main() -> None:
         app.command()(evaluate)
         app.command()(calibrate)
         app.command()(explain)
+        app.command("replay")(replay_command)
         app.command()(report)
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")
     try:

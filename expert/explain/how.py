@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from expert.decision import Decision, FactRecord, FiringRecord
+import itertools
+
+from expert.decision import ConditionRecord, Decision, FiringRecord
 from expert.explain.model import How, Node, number
-from expert.explain.record import check_digest, fact_of, findings_in, label, rules_by_id, source_of, unit_of, unknown
+from expert.explain.record import check_digest, findings_in, rules_by_id, source_of, unknown
 from expert.facts import Vocabulary, vocabulary
 from expert.plan import Candidate, Step
 from expert.rules.explain import condition_text
-from expert.rules.load import LoadedRules
-from expert.rules.model import Comparison, Condition
+from expert.rules.load import KnownRules
+from expert.rules.model import AnyOf, Comparison, Condition, Exists, FindingCondition, Not
+from expert.rules.strata import conditions_of
 from modules.catalog import probes
 
 INTERNAL = frozenset({"finding", "planned", "trial", "failure"})
@@ -18,7 +21,7 @@ INTERNAL = frozenset({"finding", "planned", "trial", "failure"})
 class _Teller:
     """Builds the tree for one decision."""
 
-    def __init__(self, decision: Decision, rules: LoadedRules | None) -> None:
+    def __init__(self, decision: Decision, rules: KnownRules | None) -> None:
         self.decision = decision
         self.rules = rules
         self.words: Vocabulary = vocabulary(probes().values())
@@ -65,37 +68,54 @@ class _Teller:
     def firing(self, firing: FiringRecord, above: tuple[str, ...] = ()) -> Node:
         where = f" ({source_of(self.rules, firing.rule)})" if self.rules else ""
         because = " ".join(firing.because.split()).rstrip(".")
-        children = self.conditions(firing)
-        if self.rules is None:
-            children = [self.fact(record) for record in firing.bindings.values() if record.template not in INTERNAL]
-        children += self.findings(firing, above)
+        names = f" [{'; '.join(firing.references)}]" if firing.references else ""
         return Node(
-            sentence=f"{firing.rule} {firing.name}{where} fired: {because}",
-            children=tuple(children),
+            sentence=f"{firing.rule} {firing.name}{where} fired: {because}{names}",
+            children=(*self.conditions(firing), *self.findings(firing, above)),
         )
 
     def conditions(self, firing: FiringRecord) -> list[Node]:
+        """Return what the rule asks for and what was measured; of groups also what is inside."""
         if self.rules is None:
-            return []
+            return [Node(sentence=f"when {item.text}{self.measured(item, firing)}") for item in firing.conditions]
         rule = rules_by_id(self.rules.base)[firing.rule]
         thresholds = self.rules.base.thresholds
-        return [
-            Node(sentence=f"when {condition_text(item, self.words, thresholds)}{self.measured(item, firing)}")
-            for item in rule.when
-        ]
+        recorded = iter(firing.conditions)
+        nodes = []
+        for condition in rule.when:
+            leaves = tuple(itertools.islice(recorded, _leaves(condition)))
+            sentence = f"when {condition_text(condition, self.words, thresholds)}"
+            if isinstance(condition, Comparison | FindingCondition):
+                nodes.append(Node(sentence=sentence + "".join(self.measured(item, firing) for item in leaves)))
+            else:
+                inside = (
+                    Node(sentence=f"{item.text}: {_verdict(item)}{self.measured(item, firing)}")
+                    for item in leaves
+                    if item.field is not None
+                )
+                nodes.append(Node(sentence=sentence, children=tuple(inside)))
+        return nodes
 
-    def measured(self, condition: Condition, firing: FiringRecord) -> str:
-        """Say what a condition found, and who measured it."""
-        if not isinstance(condition, Comparison) or condition.name not in firing.bindings:
+    def measured(self, item: ConditionRecord, firing: FiringRecord) -> str:
+        """Say what a condition found, by how much, and who measured it."""
+        if item.fact is None or item.field is None or item.template in INTERNAL:
             return ""
-        record = firing.bindings[condition.name]
-        if record.template in INTERNAL:
-            return ""
-        name = label(fact_of(record), self.words)
-        if condition.field is None:
-            return f": {name}"
-        value = number(record.fields.get(condition.field), unit_of(self.words, record.template, condition.field))
-        return f": {value} in {name} ({_source(record)})"
+        margin = ""
+        if item.margin is not None:
+            side = "beyond the limit" if item.margin >= 0 else "short of the limit"
+            margin = f", {number(abs(item.margin), item.unit)} {side}" if item.margin else ", exactly at the limit"
+        which = f" in {item.fact}" if "[" in item.fact else ""
+        return f": {number(item.value, item.unit)}{which}{margin} ({self.source(item, firing)})"
+
+    def source(self, item: ConditionRecord, firing: FiringRecord) -> str:
+        records = [*firing.bindings.values(), *self.decision.facts]
+        found = (
+            record
+            for record in records
+            if record.template == item.template and record.fields.get(item.field or "") == item.value
+        )
+        record = next(found, None)
+        return f"measured by {record.probe}" if record is not None and record.probe else "stated"
 
     def findings(self, firing: FiringRecord, above: tuple[str, ...]) -> list[Node]:
         """Return the findings that the rule asks for and that were there, with the rules that derived them."""
@@ -111,15 +131,6 @@ class _Teller:
                 nodes.append(Node(sentence=sentence, children=below))
         return nodes
 
-    def fact(self, record: FactRecord) -> Node:
-        keys = self.words[record.template].keys if record.template in self.words else ()
-        parts = [
-            f"{name} {number(value, unit_of(self.words, record.template, name))}"
-            for name, value in record.fields.items()
-            if name not in keys
-        ]
-        return Node(sentence=f"{label(fact_of(record), self.words)}: {', '.join(parts)} ({_source(record)})")
-
     def trials(self, stage: str) -> list[Node]:
         """Return what became of the trials of a stage."""
         nodes = []
@@ -131,11 +142,24 @@ class _Teller:
         return nodes
 
 
-def _source(record: FactRecord) -> str:
-    return f"measured by {record.probe}" if record.probe else "stated"
+def _leaves(condition: Condition) -> int:
+    """Return how many comparisons and findings are in a condition."""
+    if isinstance(condition, Comparison | FindingCondition):
+        return 1
+    if isinstance(condition, Not):
+        return sum(map(_leaves, conditions_of(condition.not_)))
+    if isinstance(condition, Exists):
+        return sum(map(_leaves, conditions_of(condition.exists)))
+    if isinstance(condition, AnyOf):
+        return sum(_leaves(item) for branch in condition.any_of for item in conditions_of(branch))
+    return sum(map(_leaves, (*condition.for_all.where, *condition.for_all.then)))
 
 
-def how(decision: Decision, subject: str, rules: LoadedRules | None = None) -> How:
+def _verdict(item: ConditionRecord) -> str:
+    return "holds" if item.holds else "does not hold"
+
+
+def how(decision: Decision, subject: str, rules: KnownRules | None = None) -> How:
     """Return the tree of firings and facts behind a choice.
 
     Parameters
@@ -143,7 +167,7 @@ def how(decision: Decision, subject: str, rules: LoadedRules | None = None) -> H
     decision : Decision
     subject : str
         A stage (`matching`), a slot (`matching.matcher` or `matcher`), an operator of the plan, or a finding.
-    rules : LoadedRules, optional
+    rules : KnownRules, optional
         The rules of the decision; with them every condition and every finding behind it is told.
 
     Raises

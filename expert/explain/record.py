@@ -10,7 +10,7 @@ from expert.facts import Failure as FailureFact
 from expert.facts import Planned as PlannedFact
 from expert.facts import Trial as TrialFact
 from expert.plan import StagePlan
-from expert.rules.load import LoadedRules
+from expert.rules.load import KnownRules
 from expert.rules.model import STAGES, Choose, FindingCondition, Repair, Rule, RuleBase, Stage
 from expert.rules.problem import suggest
 from modules.catalog import probes
@@ -22,7 +22,7 @@ class ExplainError(ValueError):
     """A question that cannot be answered: an unknown name, or rules that are not those of the record."""
 
 
-def check_digest(decision: Decision, rules: LoadedRules) -> None:
+def check_digest(decision: Decision, rules: KnownRules) -> None:
     """Refuse rules that are not those the decision was made with.
 
     Raises
@@ -93,14 +93,7 @@ def unit_of(words: Vocabulary, template: str, field: str | None) -> str:
     return info.unit if info else "1"
 
 
-def label(fact: Fact, words: Vocabulary) -> str:
-    """Name a fact by its template and the fields that tell it from others of that template."""
-    keys = words[fact.template].keys if fact.template in words else ()
-    named = ", ".join(f"{key}={fact.get(key)}" for key in keys)
-    return f"{fact.template}[{named}]" if named else fact.template
-
-
-def source_of(rules: LoadedRules, rule: str) -> str:
+def source_of(rules: KnownRules, rule: str) -> str:
     """Return where a rule is written, `file:line`."""
     file, line = rules.positions.get(rule, ("", 0))
     return f"{file}:{line}" if file else "unknown file"

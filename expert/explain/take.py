@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from expert.decision import Decision
 from expert.explain.model import Way, WhatItTakes
 from expert.explain.record import ExplainError, check_digest, findings_in, proposes, unknown
-from expert.explain.replay import Override, Replay, changes
+from expert.explain.replan import Override, Replan, changes
 from expert.facts import Fact, FieldInfo, Scalar
 from expert.firing import Engine
 from expert.plan import NONE, PlanError, Step
 from expert.rules.checks.context import walk
 from expert.rules.evaluate import SIGNIFICANT_SIGMAS, Evaluator, finding_of
-from expert.rules.load import LoadedRules
+from expert.rules.load import KnownRules
 from expert.rules.model import STAGES, Action, Choose, Comparison, Exclude, Measure, Repair, Rule, Stage
 from modules.catalog import operators, probes
 
@@ -37,13 +37,13 @@ class _Move:
         return self.override.template, self.override.where, self.override.field
 
 
-def what_would_it_take(decision: Decision, rules: LoadedRules, engine: Engine, wanted: str) -> WhatItTakes:
+def what_would_it_take(decision: Decision, rules: KnownRules, engine: Engine, wanted: str) -> WhatItTakes:
     """Return the smallest change of one field of a fact, else of two, that gives a slot another operator.
 
     Parameters
     ----------
     decision : Decision
-    rules : LoadedRules
+    rules : KnownRules
         The rules of the decision.
     engine : Engine
     wanted : str
@@ -61,14 +61,14 @@ def what_would_it_take(decision: Decision, rules: LoadedRules, engine: Engine, w
     """
     check_digest(decision, rules)
     stage, slot, operator = _goal(rules, wanted)
-    replay = Replay(decision, rules, engine)
-    now = _step(replay, (), stage, slot)
+    replan = Replan(decision, rules, engine)
+    now = _step(replan, (), stage, slot)
     if now is None:
         raise ExplainError(f"the recorded facts give no plan for {stage}")
     name = f"{stage}.{slot}"
     if now.operator == operator:
         return WhatItTakes(slot=name, operator=operator, now=now.operator, already=True)
-    moves = sorted(_moves(replay, _relevant(rules, stage, slot)), key=lambda move: (move.cost, repr(move.override)))
+    moves = sorted(_moves(replan, _relevant(rules, stage, slot)), key=lambda move: (move.cost, repr(move.override)))
     ways: list[Way] = []
     tried = 0
     for count in (1, 2):
@@ -77,10 +77,10 @@ def what_would_it_take(decision: Decision, rules: LoadedRules, engine: Engine, w
                 break
             tried += 1
             overrides = [move.override for move in combination]
-            step = _step(replay, overrides, stage, slot)
+            step = _step(replan, overrides, stage, slot)
             if step is not None and step.operator == operator:
                 cost = float(f"{sum(move.cost for move in combination):.6g}")
-                ways.append(Way(changes=changes(replay, overrides), cost=cost, chosen_by=step.chosen_by))
+                ways.append(Way(changes=changes(replan, overrides), cost=cost, chosen_by=step.chosen_by))
         if ways:
             break
     return WhatItTakes(
@@ -94,7 +94,7 @@ def what_would_it_take(decision: Decision, rules: LoadedRules, engine: Engine, w
     )
 
 
-def _proposers(rules: LoadedRules, stage: Stage, slot: str, operator: str) -> tuple[str, ...]:
+def _proposers(rules: KnownRules, stage: Stage, slot: str, operator: str) -> tuple[str, ...]:
     """Return the rules that give an operator to a slot, and `the default` where that gives it."""
     found = {
         rule.id
@@ -108,7 +108,7 @@ def _proposers(rules: LoadedRules, stage: Stage, slot: str, operator: str) -> tu
     return (*sorted(found), *(["the default"] if declared.default == operator else []))
 
 
-def _goal(rules: LoadedRules, wanted: str) -> tuple[Stage, str, str]:
+def _goal(rules: KnownRules, wanted: str) -> tuple[Stage, str, str]:
     catalog = operators()
     place, equals, operator = wanted.rpartition("=")
     if not equals:
@@ -127,9 +127,9 @@ def _goal(rules: LoadedRules, wanted: str) -> tuple[Stage, str, str]:
     return *slots[place], operator
 
 
-def _step(replay: Replay, overrides: Sequence[Override], stage: Stage, slot: str) -> Step | None:
+def _step(replan: Replan, overrides: Sequence[Override], stage: Stage, slot: str) -> Step | None:
     try:
-        plan = replay.run(overrides, until=stage).plans[stage]
+        plan = replan.run(overrides, until=stage).plans[stage]
     except PlanError:
         return None
     return next((step for step in plan.steps if step.slot == slot), None)
@@ -144,7 +144,7 @@ def _combinations(moves: Sequence[_Move], count: int) -> list[tuple[_Move, ...]]
     return sorted(found, key=lambda combination: sum(move.cost for move in combination))
 
 
-def _relevant(rules: LoadedRules, stage: Stage, slot: str) -> list[Rule]:
+def _relevant(rules: KnownRules, stage: Stage, slot: str) -> list[Rule]:
     """Return the rules that fill a slot or exclude from it, and those that derive or measure what these read."""
     catalog = operators()
 
@@ -176,19 +176,19 @@ def _serves(action: Action, findings: set[str], templates: set[str]) -> bool:
     return derived is not None and (derived.get("name") in findings or "finding" in templates)
 
 
-def _moves(replay: Replay, rules: Sequence[Rule]) -> Iterator[_Move]:
+def _moves(replan: Replan, rules: Sequence[Rule]) -> Iterator[_Move]:
     """Yield every move that flips one comparison of one rule on one recorded fact."""
-    evaluator = Evaluator(replay.words, replay.rules.base.thresholds)
+    evaluator = Evaluator(replan.words, replan.rules.base.thresholds)
     seen: set[Override] = set()
     by_template: dict[str, list[Fact]] = {}
-    for fact in replay.facts:
+    for fact in replan.facts:
         by_template.setdefault(fact.template, []).append(fact)
     for rule in rules:
         for comparison, _, _ in walk(rule):
             if not isinstance(comparison, Comparison) or comparison.field is None or comparison.fact in FIXED:
                 continue
-            info = replay.words[comparison.fact].fields[comparison.field]
-            keys = replay.words[comparison.fact].keys
+            info = replan.words[comparison.fact].fields[comparison.field]
+            keys = replan.words[comparison.fact].keys
             if comparison.field in keys:
                 continue
             for fact in by_template.get(comparison.fact, ()):

@@ -7,20 +7,20 @@ from collections.abc import Mapping
 from expert.decision import Decision
 from expert.explain.model import Change, StepChange, WhatIf
 from expert.explain.record import PRODUCT_OF, ExplainError, check_digest
-from expert.explain.replay import Outcome, Override, Replay, changes
+from expert.explain.replan import Outcome, Override, Replan, changes
 from expert.facts import Scalar
 from expert.firing import Engine
 from expert.plan import PlanError, Step
-from expert.rules.load import LoadedRules
+from expert.rules.load import KnownRules
 
 
-def what_if(decision: Decision, rules: LoadedRules, engine: Engine, overrides: Mapping[str, Scalar | None]) -> WhatIf:
+def what_if(decision: Decision, rules: KnownRules, engine: Engine, overrides: Mapping[str, Scalar | None]) -> WhatIf:
     """Plan all stages again from the recorded facts, some with other values, and say what changes.
 
     Parameters
     ----------
     decision : Decision
-    rules : LoadedRules
+    rules : KnownRules
         The rules of the decision.
     engine : Engine
     overrides : mapping of str to scalar or None
@@ -32,15 +32,15 @@ def what_if(decision: Decision, rules: LoadedRules, engine: Engine, overrides: M
         A field is unknown, a value is not one it can have, or the rules are not those of the decision.
     """
     check_digest(decision, rules)
-    replay = Replay(decision, rules, engine)
-    wanted = [replay.parse(target, value) for target, value in overrides.items()]
-    before = replay.run()
+    replan = Replan(decision, rules, engine)
+    wanted = [replan.parse(target, value) for target, value in overrides.items()]
+    before = replan.run()
     try:
-        after = replay.run(wanted)
+        after = replan.run(wanted)
     except PlanError as error:
         raise ExplainError(f"with these values no plan can be made: {error}") from error
     return WhatIf(
-        changes=changes(replay, wanted),
+        changes=changes(replan, wanted),
         steps=step_changes(before, after),
         findings_gone=_names(before.findings - after.findings),
         findings_new=_names(after.findings - before.findings),
@@ -48,7 +48,7 @@ def what_if(decision: Decision, rules: LoadedRules, engine: Engine, overrides: M
         fired_instead=tuple(sorted(after.fired - before.fired)),
         repairs_gone=tuple(sorted(before.repairs - after.repairs)),
         repairs_new=tuple(sorted(after.repairs - before.repairs)),
-        notes=_notes(replay, wanted, before, after),
+        notes=_notes(replan, wanted, before, after),
     )
 
 
@@ -85,17 +85,17 @@ def _names(findings: frozenset[tuple[str, str]]) -> tuple[str, ...]:
     return tuple(f"{name} ({severity})" for name, severity in sorted(findings))
 
 
-def _notes(replay: Replay, wanted: list[Override], before: Outcome, after: Outcome) -> tuple[str, ...]:
+def _notes(replan: Replan, wanted: list[Override], before: Outcome, after: Outcome) -> tuple[str, ...]:
     notes = [
         f"the record has no fact {item.template}; one with only this field was assumed"
         for item in wanted
-        if not any(item.applies(fact) for fact in replay.facts)
+        if not any(item.applies(fact) for fact in replan.facts)
     ]
     for stage, plan in before.plans.items():
-        recorded = replay.decision.plans.get(stage)
+        recorded = replan.decision.plans.get(stage)
         if recorded is not None and recorded.configuration() != plan.configuration():
             notes.append(f"trials of a later stage changed the plan of {stage}; the plan before them is compared")
-    for name in sorted(after.asked - before.asked - replay.measured):
+    for name in sorted(after.asked - before.asked - replan.measured):
         notes.append(f"a rule would ask for {name}, which was not run, so its facts are unknown")
     for name in sorted(before.asked - after.asked):
         notes.append(f"no rule would ask for {name}, so its facts were left out")
@@ -104,6 +104,6 @@ def _notes(replay: Replay, wanted: list[Override], before: Outcome, after: Outco
     changed = {step.slot.partition(".")[0] for step in step_changes(before, after)}
     for stage, product in PRODUCT_OF.items():
         affected = changed & ({"correction", stage} if stage == "matching" else {"correction", "matching", stage})
-        if affected and replay._product.get(product):
+        if affected and replan._product.get(product):
             notes.append(f"the facts about the {product} were kept as recorded, though another {product} would result")
     return tuple(notes)

@@ -11,7 +11,7 @@ from expert.facts import Vocabulary, vocabulary
 from expert.plan import Step
 from expert.rules.evaluate import finding_of
 from expert.rules.explain import action_text, condition_text
-from expert.rules.load import LoadedRules
+from expert.rules.load import KnownRules
 from expert.rules.margin import Judge
 from expert.rules.model import Choose, Comparison, Condition, Exclude, FindingCondition, Not, Repair, Rule, Stage
 from modules.catalog import operators, probes
@@ -23,7 +23,7 @@ NO_FACT = "there is no such fact"  # how `Judge` says so
 class _Inquiry:
     """Reads the rules of one decision on the facts that they saw."""
 
-    def __init__(self, decision: Decision, rules: LoadedRules) -> None:
+    def __init__(self, decision: Decision, rules: KnownRules) -> None:
         self.decision, self.rules = decision, rules
         self.words: Vocabulary = vocabulary(probes().values())
         self.fired = set(decision.rules_fired)
@@ -121,13 +121,13 @@ def _gives(action: Choose | Repair, step: Step) -> bool:
     return proposes(action) == step.operator
 
 
-def why_not(decision: Decision, rules: LoadedRules, name: str) -> WhyNot:
+def why_not(decision: Decision, rules: KnownRules, name: str) -> WhyNot:
     """Say why an operator was not chosen, or why a rule did not fire.
 
     Parameters
     ----------
     decision : Decision
-    rules : LoadedRules
+    rules : KnownRules
         The rules of the decision.
     name : str
         An operator, or the id or name of a rule.

@@ -111,6 +111,8 @@ def condition_text(
     if isinstance(condition, FindingCondition):
         least = "" if condition.at_least == "minor" else f" ({condition.at_least} or worse)"
         return f"there is the finding {condition.finding}{least}"
+    if isinstance(condition, Not) and isinstance(condition.not_, FindingCondition):
+        return condition_text(condition.not_, vocabulary, thresholds).replace("the finding", "no finding", 1)
     if isinstance(condition, Not):
         return f"it is not so that {condition_text(condition.not_, vocabulary, thresholds)}"
     if isinstance(condition, AnyOf):

@@ -28,7 +28,7 @@ SHIPPED = "knowledge/rules.yaml"
 
 
 @dataclass(frozen=True)
-class LoadedRules:
+class KnownRules:
     """A rule base that is sound, and where each rule is written.
 
     Attributes
@@ -39,22 +39,36 @@ class LoadedRules:
         Where each rule begins.
     digest : str
         SHA-256 of the canonical JSON of the rule base.
-    merged : Merged
-        The same with the origin of every item, for checks.
     """
 
     base: RuleBase
     positions: Mapping[str, tuple[str, int]]
     digest: str
+
+
+@dataclass(frozen=True)
+class LoadedRules(KnownRules):
+    """Rules read from files.
+
+    Attributes
+    ----------
+    merged : Merged
+        The same with the origin of every item, for checks.
+    """
+
     merged: Merged = field(repr=False)
 
 
-def digest_of(base: RuleBase) -> str:
-    """Return the SHA-256 of a rule base's canonical JSON; the order of rules does not matter, that of slots does."""
+def canonical_json(base: RuleBase) -> str:
+    """Return a rule base as JSON in one form; the order of rules does not matter, that of slots does."""
     data = base.model_dump(mode="json", by_alias=True, exclude_none=True)
     data["rules"] = sorted(data["rules"], key=lambda rule: rule["id"])
-    canonical = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def digest_of(base: RuleBase) -> str:
+    """Return the SHA-256 of a rule base's canonical JSON."""
+    return hashlib.sha256(canonical_json(base).encode()).hexdigest()
 
 
 def shipped_file() -> FilePath | None:

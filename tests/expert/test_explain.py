@@ -3,11 +3,13 @@ from __future__ import annotations
 import json
 
 import pytest
+from synthetic_pairs import shifted_pair
 
 from expert.decision import Decision
 from expert.engine import make_engine
 from expert.explain import ExplainError, how, what_if, what_would_it_take, why_not
 from expert.facts import Fact, vocabulary
+from expert.recorder import inputs_record
 from expert.rules.load import load_rules
 from expert.supervise import Knowledge, Run
 from modules.catalog import operators, probes
@@ -73,6 +75,7 @@ rules:
     because: Raw costs read a difference as mismatch.
     references: [none]
 """
+INPUTS = inputs_record(shifted_pair())
 PAIR = {
     Fact.of("task", profile="balanced", range_given=False): None,
     Fact.of("brightness", mean_difference_dn=9.0, channel_spread_dn=1.0): "measurement.brightness",
@@ -100,8 +103,8 @@ def decision(rules, engine):
 
 def decide(rules, engine, facts=PAIR):
     """Decide on given facts and read the record back from its text."""
-    run = Run(Knowledge(rules, engine, operators(), {}), None, dict(facts))
-    run.decide_measurement()
+    run = Run(Knowledge(rules, engine, operators(), probes()), None, dict(facts))
+    run.concluded["measurement"] = run.infer("measurement")
     for stage in ("correction", "matching"):
         run.plan(stage)
     made = Decision(
@@ -109,7 +112,7 @@ def decide(rules, engine, facts=PAIR):
         status="decided",
         profile="balanced",
         rules_digest=rules.digest,
-        inputs_digest="",
+        inputs=INPUTS,
         facts=run.fact_records(),
         firings=run.firing_records(),
         findings=run.findings(),
@@ -141,7 +144,7 @@ def test_how_tells_rule_condition_fact_unit_probe_and_the_finding_below(decision
     assert ") fired: One map removes the difference" in text
     assert "major finding exposure-differs: the images differ in exposure" in text
     assert "mean_difference_dn of brightness is at least 6 dn in magnitude" in text
-    assert "in magnitude: 9 dn in brightness (measured by measurement.brightness)" in text
+    assert "in magnitude: 9 dn, 3 dn beyond the limit (measured by measurement.brightness)" in text
     assert "rather than correction.fit_gain_offset (COR902, score 0.6): score 0.6 is below 0.8" in text
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import sys
+
 import pytest
-import typer
 from synthetic_pairs import shifted_pair
-from typer.testing import CliRunner
 
 from expert import ExpertSystem
-from expert.cli.explain import explain as explain_command
-from expert.decision import Decision
-from expert.explain.replay import Replay
+from expert.cli import main
+from expert.decision import Decision, record_schema
+from expert.explain.replan import Replan
 
 SPARSE = """version: 1
 rules:
@@ -38,7 +39,7 @@ def repaired(tmp_path_factory):
 def test_the_replay_of_a_repaired_decision_gives_its_plan_and_findings(repaired):
     system, decision, _ = repaired
     assert len([trial for trial in decision.trials if trial.stage == "matching"]) == 2
-    outcome = Replay(decision, system._knowledge.rules, system._knowledge.engine).run()
+    outcome = Replan(decision, system._knowledge.rules, system._knowledge.engine).run()
     assert {stage: plan.configuration() for stage, plan in outcome.plans.items()} == {
         stage: plan.configuration() for stage, plan in decision.plans.items()
     }
@@ -57,7 +58,7 @@ def keep_second(decision):
 
 def test_the_replay_follows_a_repair_that_was_kept(repaired):
     system, decision, _ = repaired
-    outcome = Replay(keep_second(decision), system._knowledge.rules, system._knowledge.engine).run()
+    outcome = Replan(keep_second(decision), system._knowledge.rules, system._knowledge.engine).run()
     assert outcome.plans["matching"].operator_of("matcher") == "matching.block_match"
 
 
@@ -66,84 +67,84 @@ def test_the_replay_follows_a_trial_of_the_matching_back_to_the_correction(tmp_p
     path.write_text(SPARSE.replace("matching.block_match", "correction.normalise_local_contrast"))
     system = ExpertSystem(rules=[path], profile="fast", engine="compiled")
     decision = keep_second(system.reconstruct(shifted_pair()).decision)
-    outcome = Replay(decision, system._knowledge.rules, system._knowledge.engine).run(until="correction")
+    outcome = Replan(decision, system._knowledge.rules, system._knowledge.engine).run(until="correction")
     assert outcome.plans["correction"].operator_of("local") == "correction.normalise_local_contrast"
-    assert system.what_would_it_take(decision, "correction.normalise_local_contrast").already
+    assert decision.what_would_it_take("correction.normalise_local_contrast").already
 
 
 def test_how_tells_the_trials_and_which_asked_for_a_repair(repaired):
-    system, decision, _ = repaired
-    text = system.how(decision, "matching").text()
+    _, decision, _ = repaired
+    text = decision.how("matching").text()
     assert "trial 1: score" in text
     assert "MAT951" in text
 
 
 def test_why_not_of_an_operator_that_was_tried_or_asked_for_gives_the_reason(repaired):
-    system, decision, _ = repaired
+    _, decision, _ = repaired
     chosen = decision.operator("matching.matcher")
     other = next(
         name for trial in decision.trials if (name := trial.plan.operator_of("matcher")) not in (chosen, "none")
     )
-    answer = system.why_not(decision, other)
+    answer = decision.why_not(other)
     assert answer.outcome in ("lost", "tried")
 
 
-def test_the_system_answers_every_question_on_its_decision(repaired):
-    system, decision, _ = repaired
-    answer = system.what_if(decision, {"task.profile": "best"})
+def test_a_decision_that_was_read_back_answers_every_question(repaired):
+    _, decision, _ = repaired
+    answer = decision.what_if({"task.profile": "best"})
     assert answer.text().startswith("If task.profile: fast -> best:")
-    assert system.what_would_it_take(decision, decision.operator("matching.matcher")).already
-
-
-@pytest.fixture(scope="module")
-def app():
-    application = typer.Typer()
-    application.command()(explain_command)
-    return application
+    assert decision.what_would_it_take(decision.operator("matching.matcher")).already
 
 
 @pytest.fixture
-def ask(app, repaired, tmp_path):
-    _, decision, rules = repaired
+def ask(repaired, tmp_path, monkeypatch, capsys):
+    """Run `terrex explain` on the record and return the exit code and what it says."""
+    _, decision, _ = repaired
     record = tmp_path / "decision.json"
     record.write_text(decision.to_json())
 
-    def run(*arguments, layer=True):
-        options = ["--rules", str(rules)] if layer else []
-        return CliRunner().invoke(app, [str(record), *options, "--engine", "compiled", *map(str, arguments)])
+    def run(*arguments, file=record):
+        monkeypatch.setattr(sys, "argv", ["terrex", "explain", *([str(file)] if file else []), *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return int(ended.value.code or 0), said.out + said.err
 
     return run
 
 
-def test_the_command_answers_all_questions_at_once(ask):
-    what = [
-        "--how",
-        "matcher",
-        "--why-not",
-        "MAT951",
-        "--what-if",
-        "task.profile=best",
-        "--take",
-        "matching.block_match",
-    ]
-    result = ask(*what)
-    assert result.exit_code == 0, result.output
-    assert "matching.matcher: " in result.output
-    assert "MAT951" in result.output
-    assert "If task.profile: fast -> best" in result.output
+def test_the_command_answers_all_questions_at_once_without_the_rule_files(ask, repaired):
+    _, _, rules = repaired
+    kept = rules.read_text()
+    rules.write_text("version: 1\nrules: [gone]\n")
+    what = ["--how", "matcher", "--why-not", "MAT951", "--what-if", "task.profile=best", "--margins"]
+    code, said = ask(*what, "--take", "matching.block_match")
+    rules.write_text(kept)
+    assert code == 0, said
+    assert "matching.matcher: " in said
+    assert f"MAT951 never-good-enough ({rules}:3)" in said
+    assert "If task.profile: fast -> best" in said
+    assert "How near each measured value was" in said
 
 
 def test_the_command_tells_everything_when_nothing_is_asked(ask):
-    result = ask()
-    assert result.exit_code == 0
-    assert "correction.radiometry: " in result.output
-    assert "reconstruction.grid: " in result.output
+    code, said = ask()
+    assert code == 0
+    assert "correction.radiometry: " in said
+    assert "reconstruction.grid: " in said
 
 
-def test_the_command_leaves_with_2_when_the_rules_are_others(ask):
-    result = ask("--how", "matcher", layer=False)
-    assert result.exit_code == 2
-    assert "the decision was made with rules" in result.output
+def test_the_command_answers_as_data(ask, repaired):
+    code, said = ask("--margins", "--why-not", "MAT951", "--json")
+    why_not, margins = json.loads(said)
+    assert (code, why_not["name"]) == (0, "MAT951")
+    assert margins == repaired[1].margins().model_dump(mode="json")
+
+
+def test_the_command_prints_provenance_and_the_schema(ask, repaired):
+    _, decision, _ = repaired
+    assert json.loads(ask("--prov")[1])["entity"][f"terrex:decision/{decision.id}"]["terrex:status"] == decision.status
+    assert json.loads(ask("--schema", file=None)[1]) == record_schema()
 
 
 @pytest.mark.parametrize(
@@ -155,12 +156,13 @@ def test_the_command_leaves_with_2_when_the_rules_are_others(ask):
     ],
 )
 def test_the_command_leaves_with_2_and_a_sentence_on_a_wrong_question(ask, arguments, message):
-    result = ask(*arguments)
-    assert result.exit_code == 2
-    assert message in result.output
+    code, said = ask(*arguments)
+    assert code == 2
+    assert message in said
 
 
-def test_the_command_leaves_with_2_when_there_is_no_record(app, tmp_path):
-    result = CliRunner().invoke(app, [str(tmp_path / "none.json")])
-    assert result.exit_code == 2
-    assert "cannot read the file" in result.output
+def test_the_command_leaves_with_2_when_there_is_no_record(ask, tmp_path):
+    code, said = ask(file=tmp_path / "none.json")
+    assert code == 2
+    assert "none.json: cannot read the file: No such file or directory" in said
+    assert ask(file=None) == (2, "give the decision.json to explain\n")

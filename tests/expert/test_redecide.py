@@ -3,12 +3,14 @@ from __future__ import annotations
 import json
 
 import pytest
+from synthetic_pairs import shifted_pair
 from typer.testing import CliRunner
 
 from expert.cli.rules import app
 from expert.decision import Decision
 from expert.engine import make_engine
 from expert.facts import Fact, vocabulary
+from expert.recorder import inputs_record
 from expert.redecide import read_records, redecide
 from expert.rules.load import load_rules
 from expert.supervise import Knowledge, Run
@@ -36,6 +38,7 @@ rules:
     because: One map removes the difference.
     references: [none]
 """
+INPUTS = inputs_record(shifted_pair())
 WORDS = vocabulary(probes().values())
 ENGINE = make_engine("compiled", WORDS)
 
@@ -59,7 +62,7 @@ def decision(rules, difference_dn):
         status="decided",
         profile="balanced",
         rules_digest=rules.digest,
-        inputs_digest="",
+        inputs=INPUTS,
         facts=run.fact_records(),
         firings=run.firing_records(),
         findings=run.findings(),

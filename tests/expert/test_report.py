@@ -45,7 +45,7 @@ def record(text: str = "word", **changes: object) -> Decision:
         "status": "disparity_only",
         "profile": "balanced",
         "rules_digest": "0" * 64,
-        "inputs_digest": "1" * 64,
+        "inputs": {side: {"sha256": "1" * 64, "shape": (2, 3), "dtype": "uint8"} for side in ("left", "right")},
         "facts": (fact, other),
         "firings": (firing,),
         "findings": (FindingRecord(name=text, severity="major", sentence=text, rules=(text,), stage="correction"),),

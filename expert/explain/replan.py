@@ -17,7 +17,6 @@ from expert.explain.record import (
     ExplainError,
     fact_of,
     kept_trial,
-    label,
     planned_facts,
     product_of,
     rules_by_id,
@@ -28,8 +27,9 @@ from expert.facts import Fact, FieldInfo, Scalar, to_fact, vocabulary
 from expert.facts import Failure as FailureFact
 from expert.facts import Trial as TrialFact
 from expert.firing import Engine, Firings
+from expert.margins import label
 from expert.plan import Directives, StagePlan, adjustments, proposals, settle
-from expert.rules.load import LoadedRules
+from expert.rules.load import KnownRules
 from expert.rules.model import STAGES, Measure, Repair, Stage
 from modules.catalog import operators, probes
 
@@ -66,19 +66,19 @@ class Outcome:
     repairs: frozenset[str] = frozenset()  # what the assessment of the products asks of the next trial
 
 
-class Replay:
+class Replan:
     """Plans the stages of one decision again.
 
     Parameters
     ----------
     decision : Decision
-    rules : LoadedRules
+    rules : KnownRules
         The rules of the decision.
     engine : Engine
         Any engine; all agree.
     """
 
-    def __init__(self, decision: Decision, rules: LoadedRules, engine: Engine) -> None:
+    def __init__(self, decision: Decision, rules: KnownRules, engine: Engine) -> None:
         self.decision, self.rules, self.engine = decision, rules, engine
         self.words = vocabulary(probes().values())
         self._rules = rules_by_id(rules.base)
@@ -179,13 +179,13 @@ class Replay:
 class _Course:
     """One way through the stages."""
 
-    def __init__(self, replay: Replay, overrides: Sequence[Override], wanted: Directives | None = None) -> None:
-        self.replay, self.overrides = replay, overrides
+    def __init__(self, replan: Replan, overrides: Sequence[Override], wanted: Directives | None = None) -> None:
+        self.replan, self.overrides = replan, overrides
         self.wanted = wanted  # what trials of the matching ask for, where that is known already
         self.asked_of_correction = Directives()
-        self.facts: set[Fact] = set(self.changed(replay._cheap))
+        self.facts: set[Fact] = set(self.changed(replan._cheap))
         for item in overrides:
-            if not any(item.applies(fact) for fact in replay.facts):
+            if not any(item.applies(fact) for fact in replan.facts):
                 self.facts.add(Fact.of(item.template, **{**dict(item.where), item.field: item.value}))
         self.plans: dict[Stage, StagePlan] = {}
         self.findings: set[tuple[str, str]] = set()
@@ -200,15 +200,15 @@ class _Course:
         return result
 
     def infer(self, stage: Stage, extra: Sequence[Fact] = ()) -> Firings:
-        replay = self.replay
+        replan = self.replan
         for _ in range(MAX_MEASURING_ROUNDS):
-            result = replay.infer(stage, [*self.facts, *extra])
-            new = replay.asked(result) - self.asked
+            result = replan.infer(stage, [*self.facts, *extra])
+            new = replan.asked(result) - self.asked
             if not new:
                 break
             self.asked |= new
             for name in new:
-                self.facts.update(self.changed(replay._dear.get(name, ())))
+                self.facts.update(self.changed(replan._dear.get(name, ())))
         return result
 
     def go_to(self, last: Stage) -> None:
@@ -224,7 +224,7 @@ class _Course:
 
     def go(self, stage: Stage) -> None:
         """Infer and settle one stage, and assess its product where the record has one."""
-        replay = self.replay
+        replan = self.replan
         if stage == "measurement":
             self.conclude(self.infer(stage))
             return
@@ -233,14 +233,14 @@ class _Course:
             directives = self.wanted
         if stage == "matching":
             self.asked_of_correction = directives
-        product = self.changed(replay._product.get(PRODUCT_OF.get(stage, ""), ()))
-        extra = [to_fact(TrialFact(number=kept_trial(replay.decision, stage)))]
+        product = self.changed(replan._product.get(PRODUCT_OF.get(stage, ""), ()))
+        extra = [to_fact(TrialFact(number=kept_trial(replan.decision, stage)))]
         extra += [to_fact(FailureFact(operator=name, stage=stage)) for name in sorted(failed)]
         result = self.infer(stage, extra)
-        plan = settle(replay.rules.base, stage, result.firings, operators(), directives, failed)
+        plan = settle(replan.rules.base, stage, result.firings, operators(), directives, failed)
         if product:
             result = self.infer(stage, [*extra, *product])
-            self.repairs |= _wishes(replay.directives(Directives(), result))
+            self.repairs |= _wishes(replan.directives(Directives(), result))
         self.plans[stage] = plan
         self.conclude(result)
         self.facts.update([*product, *planned_facts(plan)])
@@ -248,7 +248,7 @@ class _Course:
     def wishes(self, stage: Stage) -> tuple[Directives, frozenset[str]]:
         """Return what the trials before the kept one asked for, and what failed in them."""
         directives, failed = Directives(), frozenset[str]()
-        mine = [trial for trial in self.replay.decision.trials if trial.stage == stage]
+        mine = [trial for trial in self.replan.decision.trials if trial.stage == stage]
         kept = next((trial.number for trial in mine if trial.kept), len(mine) + 1)
         for trial in mine:
             if trial.number >= kept:
@@ -259,7 +259,7 @@ class _Course:
             extra = [to_fact(TrialFact(number=trial.number))]
             extra += [to_fact(FailureFact(operator=name, stage=stage)) for name in sorted(failed)]
             found = self.changed(fact_of(record) for record in trial.product_facts)
-            directives = self.replay.directives(directives, self.infer(stage, [*extra, *found]))
+            directives = self.replan.directives(directives, self.infer(stage, [*extra, *found]))
         return directives, failed
 
     def conclude(self, result: Firings) -> None:
@@ -309,19 +309,19 @@ def checked(info: FieldInfo, target: str, value: Any) -> Scalar | None:
     return round(round(result / step) * step, 9) + 0.0
 
 
-def changes(replay: Replay, overrides: Sequence[Override]) -> tuple[Change, ...]:
+def changes(replan: Replan, overrides: Sequence[Override]) -> tuple[Change, ...]:
     """Return which recorded fields the overrides change, and from what."""
     found = []
     for item in overrides:
-        facts = [fact for fact in replay.facts if item.applies(fact)]
+        facts = [fact for fact in replan.facts if item.applies(fact)]
         for fact in facts or [Fact.of(item.template, **dict(item.where))]:
             found.append(
                 Change(
-                    fact=label(fact, replay.words) if facts else item.template,
+                    fact=label(fact, replan.words) if facts else item.template,
                     field=item.field,
                     before=fact.get(item.field),
                     after=item.value,
-                    unit=unit_of(replay.words, item.template, item.field),
+                    unit=unit_of(replan.words, item.template, item.field),
                 )
             )
     return tuple(found)
