@@ -28,15 +28,12 @@ def checked_range(state: Matching, window_px: int, name: str) -> DisparityRange:
     Raises
     ------
     OperatorError
-        If there is no range, the images differ in shape, the window is larger than the image, the range is wider than
-        the image or leaves no overlap, or an image is constant.
+        If there is no range, the images differ in shape, are not of 8 or 16 bit or have a mask of another shape, the
+        window is larger than the image, the range is wider than the image or leaves no overlap, or an image is
+        constant.
     """
     left, right = state.views.left, state.views.right
-    if left.shape != right.shape or left.dtype != right.dtype:
-        raise OperatorError(
-            f"{name}: left is {left.shape} {left.dtype} and right is {right.shape} {right.dtype}; bring both to one "
-            "shape and dtype first"
-        )
+    _check_arrays(state.views, name)
     if state.range_px is None:
         raise OperatorError(f"{name}: no disparity range is known; run matching.use_range first")
     rows, columns = state.views.shape
@@ -58,6 +55,26 @@ def checked_range(state: Matching, window_px: int, name: str) -> DisparityRange:
                 "take another image"
             )
     return search
+
+
+def _check_arrays(views: Views, name: str) -> None:
+    """Raise an OperatorError that names everything that is wrong with the images and masks."""
+    left, right = views.left, views.right
+    wrong = []
+    if left.shape != right.shape or left.dtype != right.dtype:
+        wrong.append(
+            f"left is {left.shape} {left.dtype} and right is {right.shape} {right.dtype}; bring both to one shape and "
+            "dtype first"
+        )
+    if left.dtype not in (np.uint8, np.uint16):
+        wrong.append(f"the images are {left.dtype}; scale them to uint8 or uint16")
+    for side, mask in (("left", views.left_mask), ("right", views.right_mask)):
+        if mask is not None and (mask.shape != views.shape or mask.dtype != np.bool_):
+            wrong.append(
+                f"the {side} mask is {mask.shape} {mask.dtype}, the image {views.shape}; give a bool mask of that shape"
+            )
+    if wrong:
+        raise OperatorError(f"{name}: " + "; ".join(wrong))
 
 
 def to_bytes(views: Views, colour: bool) -> tuple[Bytes, Bytes]:
@@ -123,9 +140,9 @@ def match_padded(
     ]
     fixed = compute(np.asarray(padded[0], np.uint8), np.asarray(padded[1], np.uint8), search.min_px, count)
     fixed = fixed[margin_px : margin_px + rows, before : before + columns]
-    disparity = fixed.astype(np.float32) / np.float32(FIXED_POINT_STEPS)
+    disparity = fixed * np.float32(1.0 / FIXED_POINT_STEPS)
     disparity[fixed < search.min_px * FIXED_POINT_STEPS] = np.nan
-    return disparity
+    return np.asarray(disparity, np.float32)
 
 
 def match_both(
@@ -188,27 +205,32 @@ def assemble(
         raise OperatorError("matching: no disparity range is known; run matching.use_range first")
     views = state.views
     columns = disparity.shape[1]
-    missing = ~np.isfinite(disparity)
+    low, high = float(search.min_px), float(search.max_px - 1)
+    inset = 0.5 if reject_range_border else -0.5
+    across = np.broadcast_to(np.arange(columns, dtype=np.float32), disparity.shape)
+    # NaN lies within no bounds.
+    missing = ~_within(disparity, -np.inf, np.inf)
+    inside_range = _within(disparity, low + inset, high - inset)
+    inside_image = _within(across - disparity, -0.5, columns - 0.5)
     flags = np.zeros(disparity.shape, np.uint16) if reasons is None else reasons.copy()
     flags[missing & (flags == 0)] = Invalid.NO_MATCH
-    low, high = float(search.min_px), float(search.max_px - 1)
-    with np.errstate(invalid="ignore"):
-        beyond = (disparity < low - 0.5) | (disparity > high + 0.5)
-        if reject_range_border:
-            beyond |= (disparity < low + 0.5) | (disparity > high - 0.5)
-        match = np.arange(columns, dtype=np.float32) - disparity
-        outside = (match < -0.5) | (match > columns - 0.5)
-    flags[beyond] |= np.uint16(Invalid.RANGE_BORDER)
-    flags[outside] |= np.uint16(Invalid.OUTSIDE)
+    flags[~(inside_range | missing)] |= np.uint16(Invalid.RANGE_BORDER)
+    flags[~(inside_image | missing)] |= np.uint16(Invalid.OUTSIDE)
     if views.left_mask is not None:
         flags[~views.left_mask] |= np.uint16(Invalid.MASKED)
     if views.right_mask is not None:
         usable, known = at_match(views.right_mask, disparity)
         flags[known & ~usable] |= np.uint16(Invalid.MASKED)
-    clean = np.where(flags == 0, np.clip(disparity, low, high), np.float32(np.nan)).astype(np.float32)
+    clean = np.clip(disparity, np.float32(low), np.float32(high))
+    clean[flags != 0] = np.nan
     if right_px is not None and views.right_mask is not None:
         right_px = np.where(views.right_mask, right_px, np.float32(np.nan)).astype(np.float32)
     return replace(state, disparity=Disparity(clean, flags, confidence=confidence, right_px=right_px))
+
+
+def _within(values: FloatImage, low: float, high: float) -> Mask:
+    """Return where values lie between two bounds or on them."""
+    return np.asarray(cv2.inRange(values, low, high), np.uint8).view(np.bool_)
 
 
 def require_disparity(state: Matching, name: str) -> Disparity:

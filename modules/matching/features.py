@@ -18,8 +18,12 @@ CostName = Literal["hybrid", "census", "ternary_census", "sobel", "absolute_diff
 CensusName = Literal["3x3", "5x5", "7x7", "9x7", "9x9_sparse"]
 Offsets = NDArray[np.int64]
 
+FINENESS = 16  # levels per DN of the smoothed image, so that smoothing tells apart what rounding made equal
 CENTRE = 128  # value that stands for no horizontal derivative
 KNEE = 32.0  # derivatives beyond this count by their logarithm, so that contrast edges compare too; Sobel units
+BRIGHT_DN, DARK_DN = 100.0, 10.0  # derivatives are those of a scene of this mean brightness; darkness counts as this
+BRIGHTNESS_PX = 9  # side of the window of the mean brightness, px
+STEEPEST = 1023  # derivatives are cut off here, where their byte is full; Sobel units
 VECTOR = 32  # the kernels read whole vectors
 
 
@@ -52,13 +56,25 @@ class Features:
 def census_offsets(name: CensusName) -> Offsets:
     """Return the rows and columns (N, 2), from the centre, that a census compares."""
     if name == "9x9_sparse":
-        grid = [(dy, dx) for dy in range(-4, 5, 2) for dx in range(-4, 5, 2)]
+        places = [*_grid(9, 9, 2), *_grid(3, 3, 1)]
     else:
         columns, rows = (int(side) for side in name.split("x"))
-        grid = [
-            (dy, dx) for dy in range(-(rows // 2), rows // 2 + 1) for dx in range(-(columns // 2), columns // 2 + 1)
-        ]
-    return np.array([place for place in grid if place != (0, 0)], np.int64)
+        places = _grid(columns, rows, 1)
+    return np.array([place for place in places if place != (0, 0)], np.int64)
+
+
+def _grid(columns: int, rows: int, step: int) -> list[tuple[int, int]]:
+    """Return the rows and columns of every `step`-th pixel of a window, from its centre."""
+    across, down = columns // 2, rows // 2
+    return [(dy, dx) for dy in range(-down, down + 1, step) for dx in range(-across, across + 1, step)]
+
+
+def smooth_levels(image: Bytes, sigma_px: float) -> NDArray[np.int16]:
+    """Return the image in levels of 1/16 DN, smoothed."""
+    fine = image.astype(np.int16) * np.int16(FINENESS)
+    if sigma_px > 0:
+        fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE), np.int16)
+    return fine
 
 
 def window_of(cost: CostName, census: CensusName) -> int:
@@ -66,27 +82,42 @@ def window_of(cost: CostName, census: CensusName) -> int:
     return 3 if cost in ("sobel", "absolute_difference") else int(census[0])
 
 
-def census_bits(image: Bytes, offsets: Offsets, margin: int, ternary: bool) -> Bytes:
+def census_bits(levels: NDArray[np.int16], offsets: Offsets, margin: int, ternary: bool) -> Bytes:
     """Return the comparisons of each pixel with its centre, as bits in bytes (K, H, W); borders are replicated."""
     from modules.matching.kernels.census import census
 
     radius = int(np.abs(offsets).max())
-    wide = cv2.copyMakeBorder(image, radius, radius, radius, radius, cv2.BORDER_REPLICATE)
+    wide = cv2.copyMakeBorder(levels, radius, radius, radius, radius, cv2.BORDER_REPLICATE)
     bits = len(offsets) * (2 if ternary else 1)
-    out = np.zeros((-(-bits // 8), *image.shape), np.uint8)
-    census(wide.astype(np.int16), offsets, margin, ternary, out)
+    out = np.zeros((-(-bits // 8), *levels.shape), np.uint8)
+    census(np.asarray(wide, np.int16), offsets, margin, ternary, out)
     return out
 
 
-def slope_values(image: Bytes) -> Bytes:
-    """Return the horizontal derivative (H, W) as bytes, linear where it is small and logarithmic where it is large."""
-    slope = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE)
-    table = CENTRE + KNEE * np.arcsinh(np.arange(-1020, 1021) / KNEE)
-    return np.clip(np.rint(table), 0, 255).astype(np.uint8)[slope.astype(np.intp) + 1020]
+def slope_values(levels: NDArray[np.int16]) -> Bytes:
+    """Return the horizontal derivative (H, W) in proportion to the brightness around, as bytes.
+
+    Linear where it is small and logarithmic where it is large, so that neither a darker image nor a contrast edge
+    outweighs the rest.
+    """
+    slope = cv2.Sobel(levels, cv2.CV_32F, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE)
+    side = (BRIGHTNESS_PX, BRIGHTNESS_PX)
+    brightness = cv2.boxFilter(levels, cv2.CV_32F, side, borderType=cv2.BORDER_REPLICATE)
+    relative = cv2.divide(slope, brightness + np.float32(DARK_DN * FINENESS), scale=BRIGHT_DN)
+    index = np.clip(np.rint(relative), -STEEPEST, STEEPEST).astype(np.int16) + np.int16(STEEPEST)
+    table = CENTRE + KNEE * np.arcsinh(np.arange(-STEEPEST, STEEPEST + 1) / KNEE)
+    return np.clip(np.rint(table), 0, 255).astype(np.uint8)[index]
 
 
 def compute_features(
-    left: Bytes, right: Bytes, low: int, count: int, cost: CostName, census: CensusName, margin_dn: int
+    left: Bytes,
+    right: Bytes,
+    low: int,
+    count: int,
+    cost: CostName,
+    census: CensusName,
+    smooth_px: float = 0.0,
+    margin_dn: int = 0,
 ) -> Features:
     """Return what is compared.
 
@@ -96,10 +127,12 @@ def compute_features(
     low, count : int
         First disparity and their number, px.
     cost, census : str
+    smooth_px : float
+        Sigma of the smoothing before, px.
     margin_dn : int
         Of the ternary census: smaller differences count as none.
     """
-    planes = [_planes(image, cost, census, margin_dn) for image in (left, right)]
+    planes = [_planes(smooth_levels(image, smooth_px), cost, census, margin_dn) for image in (left, right)]
     bits = len(census_offsets(census)) * (2 if cost == "ternary_census" else 1)
     if cost == "sobel":
         shift, limit, unit = 0, 63, 4.0
@@ -109,13 +142,11 @@ def compute_features(
         shift, limit, unit = 1, 31, 2.0 * bits / 24.0
     else:
         shift, limit, unit = 0, 0, bits / 24.0
-    columns = left.shape[1]
-    before = columns - 1
+    before = left.shape[1] - 1
     length = before + -(-count // VECTOR) * VECTOR
-    across = np.clip(before - low - np.arange(length), 0, columns - 1)
     return Features(
         np.ascontiguousarray(np.moveaxis(planes[0], 0, -1)),
-        np.ascontiguousarray(planes[1][:, :, across]),
+        _continued(planes[1][:, :, ::-1], -low, length),
         before,
         shift,
         limit,
@@ -123,13 +154,25 @@ def compute_features(
     )
 
 
-def _planes(image: Bytes, cost: CostName, census: CensusName, margin_dn: int) -> Bytes:
+def _continued(planes: Bytes, first: int, length: int) -> Bytes:
+    """Return planes (K, H, length) whose columns begin at `first`, with the border columns repeated around."""
+    columns = planes.shape[2]
+    out = np.empty((*planes.shape[:2], length), np.uint8)
+    begin, end = min(max(first, 0), length), min(max(first + columns, 0), length)
+    out[:, :, :begin] = planes[:, :, :1]
+    out[:, :, begin:end] = planes[:, :, begin - first : end - first]
+    out[:, :, end:] = planes[:, :, -1:]
+    return out
+
+
+def _planes(levels: NDArray[np.int16], cost: CostName, census: CensusName, margin_dn: int) -> Bytes:
     """Return the planes of bits and the one of values (K + 1, H, W) of an image."""
     if cost == "absolute_difference":
-        return image[None]
+        return np.asarray((levels + FINENESS // 2) // FINENESS, np.uint8)[None]
     if cost == "sobel":
-        return slope_values(image)[None]
+        return slope_values(levels)[None]
     ternary = cost == "ternary_census"
-    bits = census_bits(image, census_offsets(census), margin_dn if ternary else 0, ternary)
-    value = slope_values(image) if cost == "hybrid" else np.zeros_like(image)
-    return np.concatenate([bits, value[None]])
+    bits = census_bits(levels, census_offsets(census), margin_dn * FINENESS if ternary else 0, ternary)
+    if cost != "hybrid":
+        return np.concatenate([bits, np.zeros((1, *levels.shape), np.uint8)])
+    return np.concatenate([bits, slope_values(levels)[None]])

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from modules.matching.aggregation import Problem, Selection, aggregate, strips_per_half
 from modules.matching.common import Bytes, assemble, checked_range, to_bytes
-from modules.matching.features import CensusName, CostName, compute_features, window_of
+from modules.matching.features import FINENESS, CensusName, CostName, compute_features, smooth_levels, window_of
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.types import DisparityRange, FloatImage, Invalid, Matching
@@ -38,7 +38,13 @@ class SemiGlobalMatchParams(OperatorParams):
         description="Census and half the difference of horizontal derivatives; census, with or without a margin; "
         "horizontal derivatives alone; or intensities, for images of one exposure",
     )
-    census: CensusName = Field("9x7", description="Window of the census, columns x rows, px; sparse: every second one")
+    census: CensusName = Field(
+        "9x9_sparse",
+        description="Window of the census, columns x rows, px; sparse: every second pixel and those around the centre",
+    )
+    smooth_px: float = Field(
+        0.5, ge=0.0, le=3.0, description="Sigma of the smoothing before the cost and the steps in gray, px"
+    )
     margin_dn: int = Field(2, ge=0, le=64, description="Smaller differences are none to the ternary census, DN")
     window_px: int = Field(5, ge=1, le=11, description="Side of the window that averages the cost, odd, px")
     paths: Literal[4, 8] = Field(8, description="Directions along which the disparity shall be smooth; 4 leave streaks")
@@ -59,7 +65,10 @@ def state_problem(left: Bytes, right: Bytes, search: DisparityRange, params: Sem
 
     Path costs are bytes, so the penalties decide how finely a cost can be told: 2.4 levels per bit by default.
     """
-    found = compute_features(left, right, search.min_px, search.count, params.cost, params.census, params.margin_dn)
+    found = compute_features(
+        left, right, search.min_px, search.count, params.cost, params.census, params.smooth_px, params.margin_dn
+    )
+    gray = np.asarray((smooth_levels(left, params.smooth_px) + FINENESS // 2) // FINENESS, np.uint8)
     levels = min(LEVELS / (LARGEST_COST + params.p2), MOST_LEVELS_PER_BIT)
     p1 = int(params.p1 * levels)
     p2 = np.maximum(np.floor(params.p2 * levels / (1.0 + params.p2_decay_per_dn * np.arange(256))), p1)
@@ -74,7 +83,7 @@ def state_problem(left: Bytes, right: Bytes, search: DisparityRange, params: Sem
         radius=params.window_px // 2,
         levels=levels / found.unit,
         most=int(LARGEST_COST * levels),
-        gray=left,
+        gray=gray,
         p1=p1,
         p2_of_step=p2.astype(np.uint8),
         diagonals=params.paths == 8,

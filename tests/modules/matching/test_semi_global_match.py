@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -77,7 +78,7 @@ def small_problem(
 ) -> Problem:
     rng = np.random.default_rng(seed)
     left, right = rng.integers(0, 256, (2, rows, columns)).astype(np.uint8)
-    found = compute_features(left, right, low, max(searched, 32), "hybrid", "5x5", 0)
+    found = compute_features(left, right, low, max(searched, 32), "hybrid", "5x5")
     p2 = np.maximum(150 / (1 + 0.05 * np.arange(256)), 20).astype(np.uint8)
     return Problem(
         found.left, found.right, found.before, low, searched, 1, 31, radius, 1.1, 90, left, 20, p2, diagonals, 1
@@ -191,7 +192,7 @@ def test_concurrent_calls_give_what_one_gives() -> None:
 
 
 def test_census_has_a_bit_for_every_darker_pixel() -> None:
-    image = np.array([[9, 1, 5], [6, 5, 2], [5, 4, 7]], np.uint8)
+    image = np.array([[9, 1, 5], [6, 5, 2], [5, 4, 7]], np.int16)
     offsets = census_offsets("3x3")
     centre = census_bits(image, offsets, 0, False)[0, 1, 1]
     assert [bool(centre >> k & 1) for k in range(8)] == [False, True, False, False, True, False, True, False]
@@ -201,25 +202,28 @@ def test_census_has_a_bit_for_every_darker_pixel() -> None:
     assert bits[1::2] == [True, False, False, False, False, False, False, True]
 
 
-@pytest.mark.parametrize(("name", "number"), [("3x3", 8), ("5x5", 24), ("7x7", 48), ("9x7", 62), ("9x9_sparse", 24)])
+@pytest.mark.parametrize(("name", "number"), [("3x3", 8), ("5x5", 24), ("7x7", 48), ("9x7", 62), ("9x9_sparse", 32)])
 def test_a_census_compares_as_many_pixels_as_its_window_has(name: str, number: int) -> None:
     assert len(census_offsets(name)) == number  # type: ignore[arg-type]
 
 
-def test_slopes_are_odd_and_rise() -> None:
-    step = np.repeat(np.arange(0, 250, 10, dtype=np.uint8)[None], 3, axis=0)
-    up, down = slope_values(step)[1], slope_values(step[:, ::-1].copy())[1]
-    assert up[1] == up[5] > 128
-    assert int(up[5]) - 128 == 128 - int(down[5])
-    ramps = [int(slope_values(np.array([[0, 0, k, k]] * 3, np.uint8))[1, 1]) for k in range(0, 256, 5)]
-    assert ramps == sorted(ramps)
+def test_slopes_are_odd_rise_with_the_step_and_do_not_depend_on_gain() -> None:
+    def slope_of_step(low: int, high: int) -> int:
+        return int(slope_values(np.array([[low] * 9 + [high] * 9] * 9, np.int16) * 16)[4, 8])
+
+    rising = [slope_of_step(80, 80 + k) for k in range(0, 150, 10)]
+    assert rising[0] == 128
+    assert all(one < other for one, other in itertools.pairwise(rising))
+    texture = np.random.default_rng(3).integers(0, 4080, (9, 30)).astype(np.int16)
+    np.testing.assert_allclose(slope_values(texture)[:, ::-1], 256.0 - slope_values(texture[:, ::-1].copy()), atol=1)
+    assert slope_of_step(140, 200) == pytest.approx(slope_of_step(70, 100), abs=4)
 
 
 @pytest.mark.parametrize("cost", ["census", "ternary_census", "hybrid", "sobel", "absolute_difference"])
 @pytest.mark.parametrize("census", ["3x3", "9x7"])
 def test_a_cost_fits_its_bytes(cost: str, census: str) -> None:
     image = np.random.default_rng(1).integers(0, 256, (20, 30)).astype(np.uint8)
-    found: Features = compute_features(image, 255 - image, 0, 8, cost, census, 2)  # type: ignore[arg-type]
+    found: Features = compute_features(image, 255 - image, 0, 8, cost, census)  # type: ignore[arg-type]
     assert (8 * (found.left.shape[2] - 1) << found.bit_shift) + found.value_limit <= 255
 
 
@@ -227,7 +231,7 @@ def test_every_increasing_map_leaves_the_census_result_unchanged() -> None:
     views = random_pair()
     half = Views((views.left // 2).astype(np.uint8), (views.right // 2).astype(np.uint8))
     curved = Views(half.left, np.rint(255 * (half.right / 127.0) ** 0.5).astype(np.uint8))
-    params = SemiGlobalMatchParams(cost="census", subpixel="equiangular")
+    params = SemiGlobalMatchParams(cost="census", smooth_px=0.0, subpixel="equiangular")
     one, two = (semi_global_match(Matching(v, DisparityRange(0, 12)), params).disparity for v in (half, curved))
     assert one is not None
     assert two is not None

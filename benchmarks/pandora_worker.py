@@ -1,0 +1,61 @@
+"""Match pairs by CNES Pandora's census and SGM with cross-checking; runs in Pandora's own environment, never in terrex's.
+
+Reads one request per line, `{"left": PNG, "right": PNG, "range_px": [min, max], "out": NPY}`, and answers each with
+`{"cpu_s": ..., "extra_mb": ...}`; the disparity is NaN where Pandora calls it invalid. `make bench-pandora` makes the
+environment.
+"""
+
+import json
+import resource
+import sys
+import time
+
+import numpy as np
+
+PIPELINE = {
+    "matching_cost": {"matching_cost_method": "census", "window_size": 5, "subpix": 1},
+    "optimization": {"optimization_method": "sgm"},
+    "disparity": {"disparity_method": "wta", "invalid_disparity": "NaN"},
+    "refinement": {"refinement_method": "vfit"},
+    "filter": {"filter_method": "median", "filter_size": 3},
+    "validation": {"validation_method": "cross_checking_accurate"},
+}
+
+
+def match(pandora, request):
+    """Return the disparity of a pair, positive to the left, and the CPU time."""
+    from pandora.check_configuration import check_conf
+    from pandora.constants import Criteria
+    from pandora.img_tools import create_dataset_from_inputs
+    from pandora.state_machine import PandoraMachine
+
+    low, high = request["range_px"]
+    left = {"img": request["left"], "disp": [1 - high, -low], "nodata": -9999}
+    right = {"img": request["right"], "nodata": -9999}
+    machine = PandoraMachine()
+    config = check_conf({"input": {"left": left, "right": right}, "pipeline": PIPELINE}, machine)
+    config["input"]["right"]["disp"] = [low, high - 1]
+    images = [create_dataset_from_inputs(input_config=config["input"][side]) for side in ("left", "right")]
+    start = time.process_time()
+    found, _ = pandora.run(machine, *images, config)
+    spent = time.process_time() - start
+    disparity = -found["disparity_map"].data.astype(np.float32)
+    disparity[(found["validity_mask"].data & int(Criteria.PANDORA_MSK_PIXEL_INVALID)) != 0] = np.nan
+    return disparity, spent
+
+
+def main():
+    import pandora
+
+    pandora.import_plugin()
+    for line in sys.stdin:
+        request = json.loads(line)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        disparity, spent = match(pandora, request)
+        after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        np.save(request["out"], disparity)
+        print(json.dumps({"cpu_s": spent, "extra_mb": (after - before) / 1024}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
