@@ -1,4 +1,4 @@
-"""Match pairs by CNES Pandora's census and SGM with cross-checking; runs in Pandora's own environment, never in terrex's.
+"""Match pairs by CNES Pandora's census and SGM with cross-checking; runs in Pandora's own environment.
 
 Reads one request per line, `{"left": PNG, "right": PNG, "range_px": [min, max], "out": NPY}`, and answers each with
 `{"cpu_s": ..., "extra_mb": ...}`; the disparity is NaN where Pandora calls it invalid. `make bench-pandora` makes the
