@@ -2,10 +2,13 @@
 
 from modules.measurement import (
     brightness,
+    compression,
+    defects,
     disparity_range,
     histograms,
     image_format,
     light_shape,
+    motion,
     noise,
     radiometry,
     row_alignment,
@@ -27,4 +30,7 @@ PROBES: tuple[Probe, ...] = (
     disparity_range.PROBE,
     radiometry.PROBE,
     light_shape.PROBE,
+    motion.PROBE,
+    compression.PROBE,
+    defects.PROBE,
 )

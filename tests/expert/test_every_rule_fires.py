@@ -125,10 +125,31 @@ def lit_decisions(system: ExpertSystem) -> Iterator[Decision]:
     yield system.decide(StereoPair(flat.astype(np.uint8), curve[flat.astype(np.uint8)]))
 
 
+def faulty_decisions(system: ExpertSystem) -> Iterator[Decision]:
+    """Yield decisions on pairs whose right image has defects of the sensor, motion blur or blocks of compression."""
+    left, right = plane(texture(7), 12)
+    random = np.random.default_rng(0)
+    stuck = right.copy()
+    stuck[random.integers(HEIGHT, size=60), random.integers(WIDTH, size=60)] = 255
+    stripes = right.copy()
+    stripes[:, [40, 90, 200]] //= 2
+    smeared = cv2.blur(right, (9, 1))
+    blocks = cv2.imdecode(cv2.imencode(".jpg", right, [cv2.IMWRITE_JPEG_QUALITY, 12])[1], cv2.IMREAD_GRAYSCALE)
+    for damaged in (stuck, stripes, smeared, blocks):
+        yield system.decide(StereoPair(left, np.asarray(damaged, np.uint8)))
+    fence = np.tile(np.rint(120 + 60 * np.sin(np.arange(WIDTH) / 3)).astype(np.uint8), (HEIGHT, 1))
+    yield system.decide(StereoPair(fence, fence))
+
+
 def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     system = ExpertSystem(engine="compiled")
     fired: set[str] = set()
-    for decision in (*rendered_decisions(system), *synthetic_decisions(system, tmp_path), *lit_decisions(system)):
+    for decision in (
+        *rendered_decisions(system),
+        *synthetic_decisions(system, tmp_path),
+        *lit_decisions(system),
+        *faulty_decisions(system),
+    ):
         fired |= rules_of(decision)
     left, right = plane(texture(1), 12)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
