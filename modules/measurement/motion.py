@@ -14,6 +14,7 @@ from modules.probe import FactModel, Probe, quantity
 
 STRONG_DN = 60.0  # gradients beyond this weigh less, so that a few edges do not decide
 LEAST_ENERGY = 0.5  # dn^2; less gradient energy says nothing
+ENOUGH_PX = 250_000  # pixels of the middle rows that suffice
 NOISE_SHARE = 2.0  # noise variance in a difference of two pixels
 
 
@@ -51,8 +52,9 @@ def measure_motion(sample: Sample) -> list[Motion]:
 
 
 def _tensor(gray: Gray) -> Floats:
-    height = gray.shape[0]
-    values = gray[height // 6 : height - height // 6].astype(np.float32)
+    rows = min(gray.shape[0], max(64, ENOUGH_PX // gray.shape[1]))
+    first = (gray.shape[0] - rows) // 2
+    values = gray[first : first + rows].astype(np.float32)
     if min(values.shape) < 3:
         return np.zeros((2, 2))
     across = values[1:-1, 2:] - values[1:-1, :-2]

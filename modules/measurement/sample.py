@@ -21,7 +21,7 @@ from modules.types import Correspondences, DisparityRange, Image, Views
 
 Gray = NDArray[np.uint8]
 
-COLUMN_STEP = 2  # every second row and column suffices for histograms
+HISTOGRAM_PX = 150_000  # pixels that suffice for histograms; at most every second row and column is taken
 SEARCH = (-0.25, 0.45)  # disparities of the coarse match as fractions of the width; negative: swapped or toed in
 SEARCH_MARGIN_PX = 8  # around a given range
 TRUSTED_FRACTION = 0.2  # of the corners agree on one row model; clean pairs 0.5 and more, unrelated ones 0.01
@@ -100,17 +100,22 @@ class Sample:
             return (self.given_range.min_px + self.given_range.max_px) // 2
         return dominant_shift_px(*self.quarter) * 4
 
+    @property
+    def thinning(self) -> int:
+        """Every how many rows and columns histograms are taken of."""
+        return max(2, round((self.shape[0] * self.shape[1] / HISTOGRAM_PX) ** 0.5))
+
     @cached_property
     def thinned(self) -> tuple[Image, Image]:
-        """Every second row and column of both images, original dtype and channels."""
-        step = COLUMN_STEP
+        """Every second row and column of both images, or fewer of large ones; original dtype and channels."""
+        step = self.thinning
         left, right = (np.ascontiguousarray(x[::step, ::step]) for x in (self.views.left, self.views.right))
         return cast(Image, left), cast(Image, right)
 
     @cached_property
     def planes(self) -> dict[str, tuple[Gray, Gray]]:
         """Thinned 8-bit planes by channel name, left and right; `gray` always, colours where there are any."""
-        step = COLUMN_STEP
+        step = self.thinning
         planes = {"gray": (self.gray8[0][::step, ::step], self.gray8[1][::step, ::step])}
         if self.channels == 3:
             left, right = (to_8_bit(image) for image in self.thinned)
@@ -121,7 +126,7 @@ class Sample:
     @cached_property
     def common_planes(self) -> dict[str, tuple[Gray, Gray]]:
         """The planes, cut to the columns that both images see."""
-        shift = round(self.shift_px / COLUMN_STEP)
+        shift = round(self.shift_px / self.thinning)
         return {name: common_view(left, right, shift) for name, (left, right) in self.planes.items()}
 
     @cached_property

@@ -13,6 +13,7 @@ from modules.primitives.noise import estimate_noise_dn
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 24
+ENOUGH_PX = 160_000  # pixels of the middle rows that suffice
 FINE_NOISE = 1 - 1 / 9  # variance of white noise that passes g - box3(g)
 COARSE_NOISE = 1 / 9 - 1 / 49  # variance of white noise that passes box3(g) - box7(g)
 
@@ -33,7 +34,8 @@ class Sharpness(FactModel):
 def _detail(gray: NDArray[np.uint8]) -> float:
     # The middle rows suffice and keep it cheap.
     height = gray.shape[0]
-    values = gray[height // 3 : height - height // 3].astype(np.float32)
+    rows = min(height - 2 * (height // 3), max(2 * BLOCK_PX, ENOUGH_PX // gray.shape[1]))
+    values = gray[(height - rows) // 2 : (height + rows) // 2].astype(np.float32)
     if min(values.shape) < 2 * BLOCK_PX:
         return 1.0
     noise = estimate_noise_dn(gray[height // 4 : height - height // 4]) ** 2
