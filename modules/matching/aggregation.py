@@ -48,6 +48,9 @@ class Problem:
     p2_of_step : uint8 (256,)
     diagonals : bool
     curve : int
+    right_begin : int
+    right_columns : int or None
+        First column of the right image that is decided, and their number; None for as many as the left one has.
     """
 
     left: Bytes
@@ -65,6 +68,8 @@ class Problem:
     p2_of_step: Bytes
     diagonals: bool
     curve: int
+    right_begin: int = 0
+    right_columns: int | None = None
 
     @property
     def count(self) -> int:
@@ -74,11 +79,20 @@ class Problem:
 
 @dataclass(frozen=True)
 class Selection:
-    """What is decided: disparity of the left and right image, px, and the ratio of the second best cost to the best."""
+    """What is decided.
+
+    Attributes
+    ----------
+    disparity, ratio : float32 (H, W)
+        Disparity of the left image, px; second best cost over the best, NaN where the cost is flat.
+    right_px, right_cost : float32 (H, R)
+        Disparity of the right image, NaN where no left pixel reaches, and its cost.
+    """
 
     disparity: FloatImage
-    right_px: FloatImage
     ratio: FloatImage
+    right_px: FloatImage
+    right_cost: FloatImage
 
 
 @dataclass(frozen=True)
@@ -228,7 +242,15 @@ class _Worker:
         p, out, part = self.problem, self.out, slice(begin, end)
         total = self.total[: end - begin]
         selection.select_rows(
-            total, p.searched, p.low, p.curve, out.disparity[part], out.right_px[part], out.ratio[part]
+            total,
+            p.searched,
+            p.low,
+            p.curve,
+            out.disparity[part],
+            out.ratio[part],
+            p.right_begin,
+            out.right_px[part],
+            out.right_cost[part],
         )
 
 
@@ -243,8 +265,9 @@ def aggregate(problem: Problem, strips: int, pool: ThreadPoolExecutor | None) ->
     pool : ThreadPoolExecutor or None
         Where the sweeps run, at least two threads; None for the calling thread.
     """
-    shape = problem.gray.shape
-    out = Selection(*(np.empty(shape, np.float32) for _ in range(3)))
+    rows, columns = problem.gray.shape
+    reached = columns if problem.right_columns is None else problem.right_columns
+    out = Selection(*(np.empty((rows, width), np.float32) for width in (columns, columns, reached, reached)))
     down, up = (_Worker(problem, backward, strips, out) for backward in (False, True))
     if pool is None:
         for worker in (down, up):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from modules.matching.aggregation import Problem, Selection, aggregate, strips_per_half
+from modules.matching.coarse_to_fine import confirmed_coarse, match_tiles, plan_tiles
 from modules.matching.common import Bytes, assemble, checked_range, to_bytes
 from modules.matching.features import FINENESS, CensusName, CostName, compute_features, smooth_levels, window_of
 from modules.matching.refine_subpixel import refine_by_intensity
@@ -54,6 +56,9 @@ class SemiGlobalMatchParams(OperatorParams):
     subpixel: Literal["parabola", "equiangular", "intensity"] = Field(
         "intensity",
         description="Curve fitted at the least cost, or lines refined by intensities, which locks least to whole px",
+    )
+    coarse_to_fine: bool = Field(
+        False, description="Match half-size images first and give each tile its range: for large images and ranges"
     )
     threads: Literal[1, 2] = Field(2, description="Threads; the result does not depend on them")
     max_memory_mb: int = Field(512, ge=1, le=65536, description="Most memory for path costs, MB; less takes longer")
@@ -109,15 +114,38 @@ def match_gray(left: Bytes, right: Bytes, search: DisparityRange, params: SemiGl
     OperatorError
         If the memory does not suffice.
     """
-    rows, columns = left.shape
-    strips = strips_per_half(rows, columns, search.count, params.max_memory_mb, NAME)
-    problem = state_problem(left, right, search, params)
+    _announce_compilation()
     with ThreadPoolExecutor(2) if params.threads == 2 else nullcontext() as pool:
-        found = aggregate(problem, strips, pool)
+        found = _match_levels(left, right, search, params, pool)
         if params.subpixel != "intensity":
             return found
         refined = refine_by_intensity(left, right, found.disparity, pool)
-    return Selection(_held_at_ends(refined, found.disparity, search), found.right_px, found.ratio)
+    return replace(found, disparity=_held_at_ends(refined, found.disparity, search))
+
+
+def _announce_compilation() -> None:
+    """Say that the first call takes long, where it will."""
+    from modules.matching.kernels.compiler import will_compile
+    from modules.matching.kernels.sweeps import sweep_rows
+
+    if will_compile(sweep_rows):
+        _log.warning("%s: compiling its kernels for this processor, once, for about ten seconds", NAME)
+
+
+def _match_levels(
+    left: Bytes, right: Bytes, search: DisparityRange, params: SemiGlobalMatchParams, pool: ThreadPoolExecutor | None
+) -> Selection:
+    """Match at once, or coarsely first."""
+
+    def match(one: Bytes, other: Bytes, wanted: DisparityRange) -> Selection:
+        rows, columns = one.shape
+        strips = strips_per_half(rows, columns, wanted.count, params.max_memory_mb, NAME)
+        return aggregate(state_problem(one, other, wanted, params), strips, pool)
+
+    if not params.coarse_to_fine:
+        return match(left, right, search)
+    tiles = plan_tiles(confirmed_coarse(left, right, search, match), left.shape, search)
+    return match_tiles(state_problem(left, right, search, params), tiles, pool)
 
 
 def _held_at_ends(refined: FloatImage, disparity: FloatImage, search: DisparityRange) -> FloatImage:

@@ -82,8 +82,10 @@ def _select_row(
     low: int,
     curve: int,
     disparity: NDArray[np.float32],
-    right: NDArray[np.float32],
     ratio: NDArray[np.float32],
+    right_begin: int,
+    right: NDArray[np.float32],
+    right_cost: NDArray[np.float32],
 ) -> None:
     """Do for one row what `select_rows` does."""
     columns = disparity.shape[0]
@@ -112,12 +114,15 @@ def _select_row(
                 flat = flat and total[at + d] == best
         ratio[x] = np.float32(np.nan) if flat else np.float32((float(second) + 1.0) / (float(best) + 1.0))
         _offer(total, at, count, best_right, index_right, columns - 1 - x)
-    for x in range(columns):
+    for k in range(right.shape[0]):
+        x = right_begin + k
         j = columns - 1 - low - x
         index = int(index_right[j]) if 0 <= j < columns + count else NOTHING
         if index >= searched:
-            right[x] = np.float32(np.nan)
+            right[k] = np.float32(np.nan)
+            right_cost[k] = np.float32(np.inf)
             continue
+        right_cost[k] = np.float32(best_right[j])
         offset = 0.0
         xl = x + low + index
         if 0 < index < searched - 1 and 0 < xl < columns - 1:
@@ -127,7 +132,7 @@ def _select_row(
             after = float(total[at + count + 1]) - middle
             if before >= 0 and after >= 0 and before + after > 0:
                 offset = 0.5 * (before - after) / (before + after)
-        right[x] = np.float32(low + index + offset)
+        right[k] = np.float32(low + index + offset)
 
 
 @kernel
@@ -137,8 +142,10 @@ def select_rows(
     low: int,
     curve: int,
     disparity: NDArray[np.float32],
-    right: NDArray[np.float32],
     ratio: NDArray[np.float32],
+    right_begin: int,
+    right: NDArray[np.float32],
+    right_cost: NDArray[np.float32],
 ) -> None:
     """Choose the disparity of least aggregated cost, left and right, to a fraction of a pixel.
 
@@ -153,9 +160,15 @@ def select_rows(
     curve : int
         `PARABOLA`; `EQUIANGULAR`, two lines of opposite slope; or `UNLOCKED`, these with the offset moved away from the
         whole pixels that it prefers.
-    disparity, right, ratio : float32 (h, W)
-        Filled: left and right disparity in px (right NaN where no left pixel reaches), and the least cost away from the
-        found disparity over the found one (1 means ambiguous; NaN where the cost is flat).
+    disparity, ratio : float32 (h, W)
+        Filled: disparity in px, and the least cost away from the found disparity over the found one (1 means ambiguous;
+        NaN where the cost is flat).
+    right_begin : int
+        Column of the right image where the next two begin.
+    right, right_cost : float32 (h, R)
+        Filled: disparity of the right image in px, NaN where no left pixel reaches, and its cost, infinite there.
     """
     for row in range(disparity.shape[0]):
-        _select_row(totals[row], searched, low, curve, disparity[row], right[row], ratio[row])
+        _select_row(
+            totals[row], searched, low, curve, disparity[row], ratio[row], right_begin, right[row], right_cost[row]
+        )

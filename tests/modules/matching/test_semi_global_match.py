@@ -94,7 +94,12 @@ def volume(problem: Problem) -> NDArray[np.int64]:
 
 
 def same(one: Selection, other: Selection) -> bool:
-    pairs = ((one.disparity, other.disparity), (one.right_px, other.right_px), (one.ratio, other.ratio))
+    pairs = (
+        (one.right_cost, other.right_cost),
+        (one.disparity, other.disparity),
+        (one.right_px, other.right_px),
+        (one.ratio, other.ratio),
+    )
     return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
