@@ -11,7 +11,7 @@ kernel: Any = numba.njit(cache=True, nogil=True, boundscheck=False)
 
 
 def will_compile(function: Any) -> bool:
-    """Return whether the first call of a kernel has to compile it, because neither this process nor the cache has it."""
+    """Return whether the first call of a kernel has to compile it: neither this process nor the cache has it."""
     if function.signatures:
         return False
     module, name = function.py_func.__module__.rsplit(".", 1)[-1], function.py_func.__qualname__
