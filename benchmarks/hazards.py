@@ -16,8 +16,9 @@ from modules.types import ElevationMap, Hazard
 
 WITHIN_M = 5.0
 TALL_M = 0.15  # rocks from here on must be found
-HAZARDOUS_M = 0.125  # rocks from here on are hazards: the radius of the default rover's wheels
+HAZARDOUS_M = 0.125  # steps from here on are hazards: the radius of the default rover's wheels
 TOUCH_M = 0.10  # a hazard cell this near to a rock's outline is about it
+GROUND_REACH_M = 0.15  # the ground that a rock's height is measured from
 GROUND_M = 1.01  # window of the opening that removes rocks, the largest is 1 m wide
 SEEN = 0.15  # part of a rock that the camera must see
 SLOPE_PATCH_M = 0.6
@@ -63,9 +64,10 @@ def _crop(made: RenderedPair) -> tuple[NDArray[np.float32], NDArray[np.float64],
 def score_hazards(made: RenderedPair, grid: ElevationMap) -> Hazards:
     """Count rocks that some hazard cell touches, and hazard cells that rocks or slopes explain.
 
-    A rock is a connected piece of the surface that the renderer made of rock; its height is that above the lowest
-    ground within 10 cm of its outline. A hazard cell is explained within 10 cm of a rock higher than 12.5 cm, or where
-    the ground without rocks, over 60 cm, is steeper than 20 degrees.
+    A rock is a connected piece of the surface that the renderer made of rock. It is tall by its height above the mean
+    ground within 15 cm, and hazardous by the step from the lowest ground within 10 cm. A hazard cell is explained
+    within 10 cm of a rock with a step of more than 12.5 cm, or where the ground without rocks, over 60 cm, is steeper
+    than 20 degrees.
     """
     height, x, y = _crop(made)
     rock = made.heightfield.near.rock
@@ -76,16 +78,25 @@ def score_hazards(made: RenderedPair, grid: ElevationMap) -> Hazards:
     ring = np.ones((2 * round(TOUCH_M / NEAR_CELL_M) + 1,) * 2, np.uint8)
     low = cv2.erode(np.where(stone, np.inf, height).astype(np.float32), ring)  # the lowest ground near by
     number = np.arange(1, count + 1)
-    rise = maximum(np.where(np.isfinite(low), height - low, 0.0), labels, number) if count else np.zeros(0)
+    step = maximum(np.where(np.isfinite(low), height - low, 0.0), labels, number) if count else np.zeros(0)
+    rise = maximum(height - _mean_ground(height, stone), labels, number) if count else np.zeros(0)
     cells = _hazard_cells(made, grid)
     near = cells[np.hypot(cells[:, 0], cells[:, 1]) <= WITHIN_M]
     rocks, found = _found(made, labels, rise, cells, x, y)
-    distance = distance_transform_edt(~np.isin(labels, number[rise >= HAZARDOUS_M])) * NEAR_CELL_M
+    distance = distance_transform_edt(~np.isin(labels, number[step >= HAZARDOUS_M])) * NEAR_CELL_M
     steep = _steep(height)
     row = np.clip(np.round((near[:, 1] - y[0]) / NEAR_CELL_M).astype(int), 0, len(y) - 1)
     column = np.clip(np.round((near[:, 0] - x[0]) / NEAR_CELL_M).astype(int), 0, len(x) - 1)
     explained = (distance[row, column] <= TOUCH_M) | steep[row, column]
     return Hazards(rocks, found, len(near), int(np.count_nonzero(explained)))
+
+
+def _mean_ground(height: NDArray[np.float32], stone: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the mean height of what is no rock about each place; the height itself where all is rock."""
+    window = (2 * round(GROUND_REACH_M / NEAR_CELL_M) + 1,) * 2
+    part = cv2.blur((~stone).astype(np.float32), window)
+    total = cv2.blur(np.where(stone, 0.0, height).astype(np.float32), window)
+    return np.where(part > 0.02, total / np.maximum(part, 1e-6), height).astype(np.float32)
 
 
 def _hazard_cells(made: RenderedPair, grid: ElevationMap) -> NDArray[np.float64]:

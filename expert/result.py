@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expert.decision import Decision
+from expert.products import DEFAULT_PRODUCTS, Terrain, check_products, product_writers
 from expert.report import PICTURES, as_html, as_markdown
 from modules.formats.atomic import whole_folder
 from modules.formats.disparity import write_disparity_png, write_disparity_view, write_pfm, write_validity_png
-from modules.formats.elevation import write_geotiff, write_hillshade_png
 from modules.formats.images import write_image
-from modules.formats.points import write_ply
-from modules.types import Disparity, ElevationMap, FloatImage, Invalid, PointCloud, Views
+from modules.types import Datum, Disparity, ElevationMap, FloatImage, Invalid, PointCloud, Views
 
 MAX_PNG_PX = 255.99  # a 16-bit PNG of 1/256 px ends here; the PFM holds every disparity
 
@@ -73,7 +72,14 @@ class Result:
         """Whether the pair gave what it could give: terrain, or the disparity where there is no calibration."""
         return self.decision.status in ("reconstructed", "disparity_only")
 
-    def save(self, out: str | Path, *, html: bool = True) -> dict[str, float]:
+    def save(
+        self,
+        out: str | Path,
+        *,
+        html: bool = True,
+        products: Sequence[str] = DEFAULT_PRODUCTS,
+        datum: Datum | None = None,
+    ) -> dict[str, float]:
         """Write all products into the folder `out`, which appears whole or not at all; return seconds by file.
 
         Parameters
@@ -81,15 +87,22 @@ class Result:
         out : str or Path
         html : bool
             Whether to write `report.html`; `terrex report` makes it later from the folder.
+        products : sequence of str
+            Names of `expert.products.PRODUCTS`, or `all`, written beside the images and the record; one that this
+            pair cannot give, as points without a calibration, is left out.
+        datum : Datum, optional
+            Where the origin lies, if the level frame is east-north-up; gives the GeoTIFF a reference system.
 
         Raises
         ------
         modules.formats.FormatError
-            The folder cannot be written, or holds files of another origin.
+            The folder cannot be written, or holds files of another origin; a product is unknown or its extra is not
+            installed.
         """
+        chosen = check_products(products)
         spent: dict[str, float] = {}
         with whole_folder(Path(out)) as folder:
-            for name, write in self._writers().items():
+            for name, write in self._writers(chosen, datum).items():
                 start = time.perf_counter()
                 write(folder / name)
                 spent[name] = time.perf_counter() - start
@@ -100,7 +113,7 @@ class Result:
                 spent["report.html"] = time.perf_counter() - start
         return spent
 
-    def _writers(self) -> dict[str, Callable[[Path], object]]:
+    def _writers(self, products: Sequence[str], datum: Datum | None) -> dict[str, Callable[[Path], object]]:
         decision, views, validity = self.decision, self.views, self.validity
         writers: dict[str, Callable[[Path], object]] = {
             "decision.json": lambda path: path.write_text(decision.to_json(), encoding="utf-8"),
@@ -116,17 +129,13 @@ class Result:
             ):
                 if not np.array_equal(before, after):
                     writers[f"{side}_original.png"] = partial(write_image, image=before)
-        disparity, points, elevation = self.disparity, self.points, self.elevation
+        disparity = self.disparity
         if disparity is not None:
             storable = _storable(disparity.disparity_px)
             writers["disparity.pfm"] = lambda path: write_pfm(path, disparity.disparity_px)
             writers["disparity.png"] = lambda path: write_disparity_png(path, storable)
             writers["disparity_view.png"] = lambda path: write_disparity_view(path, disparity.disparity_px)
-        if points is not None:
-            writers["points.ply"] = lambda path: write_ply(path, points)
-        if elevation is not None:
-            writers["elevation.tif"] = lambda path: write_geotiff(path, elevation)
-            writers["elevation.png"] = lambda path: write_hillshade_png(path, elevation)
+        writers.update(product_writers(Terrain(self.elevation, self.points, datum, decision.pair), products))
         return writers
 
 

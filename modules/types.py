@@ -404,10 +404,25 @@ class Scene:
 
 
 @dataclass(frozen=True)
+class Datum:
+    """Where the origin of a local east-north-up frame lies, WGS 84."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+    def __post_init__(self) -> None:
+        if not (-90.0 <= self.latitude_deg <= 90.0 and -180.0 <= self.longitude_deg <= 180.0):
+            raise ValueError(
+                f"datum {self.latitude_deg:g} {self.longitude_deg:g} is no place; "
+                "give latitude -90 to 90 and longitude -180 to 180, in degrees"
+            )
+
+
+@dataclass(frozen=True)
 class Rover:
     """The vehicle that shall drive on the terrain; the defaults are a rover as wide as a person."""
 
-    wheel_radius_m: float = 0.125  # it climbs steps up to this
+    wheel_radius_m: float = 0.115  # it climbs steps up to this
     clearance_m: float = 0.25  # height of the belly above the ground
     width_m: float = 0.8
     max_tilt_deg: float = 20.0

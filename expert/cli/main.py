@@ -30,10 +30,12 @@ from expert.cli.pair_options import (
     TimeOption,
     load_pair,
 )
+from expert.cli.terrain_options import DatumOption, ProductsOption, RoverOption
 from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
     from expert.api import ExpertSystem
+    from modules.types import Rover
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -54,10 +56,10 @@ def _progress() -> Iterator[Callable[[str], None] | None]:
         yield status.update
 
 
-def _system(rules: list[Path] | None, profile: Profile, engine: EngineName) -> ExpertSystem:
+def _system(rules: list[Path] | None, profile: Profile, engine: EngineName, rover: Rover | None = None) -> ExpertSystem:
     from expert.api import ExpertSystem
 
-    return ExpertSystem(rules=rules or [], profile=profile, engine=engine)
+    return ExpertSystem(rules=rules or [], profile=profile, engine=engine, rover=rover)
 
 
 @app.command()
@@ -82,18 +84,23 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for the products; appears whole or not at all")] = Path(
         "terrex-out"
     ),
+    products: ProductsOption = None,
+    rover: RoverOption = None,
+    datum: DatumOption = None,
 ) -> None:
-    """Reconstruct a stereo pair and write all products and the report."""
+    """Reconstruct a stereo pair and write the products and the report."""
+    from expert.cli.terrain_options import stated_datum, stated_products, stated_rover
     from modules.formats.atomic import check_folder
 
     check_folder(out)
+    chosen, place, vehicle = stated_products(products), stated_datum(datum), stated_rover(rover)
     cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
     stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
     pair = load_pair(left, right, cameras, stated, disparity_range)
-    system = _system(rules, profile, engine)
+    system = _system(rules, profile, engine, vehicle)
     with _progress() as progress:
         result = system.reconstruct(pair, progress=progress)
-    result.save(out)
+    result.save(out, products=chosen, datum=place)
     typer.echo(result.decision.text(), nl=False)
     typer.echo(f"\nwritten to {out}")
     if not result.reconstructed:

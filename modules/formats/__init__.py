@@ -26,11 +26,15 @@ from modules.formats.disparity import (
     write_pfm,
     write_validity_png,
 )
-from modules.formats.elevation import read_geotiff, write_geotiff, write_hillshade_png
+from modules.formats.elevation import read_geotiff, write_geotiff
 from modules.formats.errors import FormatError
 from modules.formats.images import read_image, write_image
 from modules.formats.imu import ImuLog, read_imu_log
-from modules.formats.points import read_ply, write_ply
+from modules.formats.layers import read_layers, write_grid_map, write_layers
+from modules.formats.mesh import write_glb, write_obj
+from modules.formats.occupancy import occupancy_of, write_occupancy
+from modules.formats.points import read_ply, write_las, write_pcd, write_ply
+from modules.formats.terrain_pictures import write_terrain_picture
 
 __all__ = [
     "CalibrationFile",
@@ -50,6 +54,7 @@ __all__ = [
     "read_image",
     "read_imu_log",
     "read_pfm",
+    "read_layers",
     "read_ply",
     "read_validity_png",
     "whole_folder",
@@ -58,9 +63,17 @@ __all__ = [
     "write_disparity_png",
     "write_disparity_view",
     "write_geotiff",
-    "write_hillshade_png",
     "write_image",
     "write_pfm",
+    "write_glb",
+    "write_grid_map",
+    "write_las",
+    "write_layers",
+    "write_obj",
+    "write_occupancy",
+    "write_pcd",
     "write_ply",
+    "write_terrain_picture",
+    "occupancy_of",
     "write_validity_png",
 ]

@@ -28,7 +28,7 @@ class AssessTraversabilityParams(OperatorParams):
     """Parameters of `assess_traversability`: the rover."""
 
     wheel_radius_m: float = Field(
-        0.125, gt=0.0, le=2.0, description="Radius of the wheels, m; higher steps are hazards"
+        0.115, gt=0.0, le=2.0, description="Radius of the wheels, m; higher steps are hazards"
     )
     clearance_m: float = Field(0.25, gt=0.0, le=5.0, description="Height of the belly above the ground, m")
     width_m: float = Field(0.8, gt=0.0, le=10.0, description="Width of the rover, m; it may turn on the spot")

@@ -239,7 +239,7 @@ def test_a_geotiff_survives_with_the_highest_y_first(tmp_path):
 
 def test_a_hillshade_is_drawn(tmp_path):
     elevation = np.fromfunction(lambda i, j: 0.01 * j, (40, 30)).astype(np.float32)
-    f.write_hillshade_png(tmp_path / "h.png", ElevationMap(0, 0, 0.1, {"elevation": elevation}))
+    f.write_terrain_picture(tmp_path / "h.png", ElevationMap(0, 0, 0.1, {"elevation": elevation}))
     assert f.read_image(tmp_path / "h.png").shape[2] == 3
 
 

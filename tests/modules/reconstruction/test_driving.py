@@ -299,5 +299,5 @@ def test_unknown_cells_are_no_hazard_themselves_but_limit_the_rover():
 
 
 def test_cells_larger_than_a_wheel_are_refused():
-    with pytest.raises(OperatorError, match=r"cells of 0.5 m are larger than a wheel of 0.25 m; .* use smaller cells"):
+    with pytest.raises(OperatorError, match=r"cells of 0.5 m are larger than a wheel of 0.23 m; .* use smaller cells"):
         run("assess_traversability", grid_scene(np.zeros((20, 20)), cell_m=0.5))

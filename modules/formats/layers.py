@@ -1,0 +1,135 @@
+"""All layers of an elevation map in one NPZ: in this project's conventions, and in those of grid_map."""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.formats._text import write_bytes
+from modules.formats.errors import FormatError
+from modules.primitives.layers import LAYERS, unit_of
+from modules.types import ElevationMap, Hazard
+
+PREFIX = "layer_"
+GRID_MAP_NAMES = {"roughness_m": "roughness", "step_m": "step_height", "count": "num_points", "age_s": "age"}
+"""Names that layers have in grid_map and the packages around it, where they differ."""
+
+
+def write_layers(path: Path | str, grid: ElevationMap) -> None:
+    """Write every layer as `layer_<name>`, and `description`, a JSON text with frame, place, cell, units and meanings.
+
+    Raises
+    ------
+    FormatError
+        When the path cannot be written.
+    """
+    described = {
+        name: {"unit": unit_of(name), "meaning": LAYERS[name].meaning if name in LAYERS else ""} for name in grid.layers
+    }
+    text = json.dumps(
+        {
+            "frame": grid.frame,
+            "x0_m": grid.x0_m,
+            "y0_m": grid.y0_m,
+            "cell_m": grid.cell_m,
+            "cells": "cell (i, j) covers x0_m + j cell_m along x and y0_m + i cell_m along y, one cell wide",
+            "layers": described,
+        },
+        indent=1,
+    )
+    arrays = {PREFIX + name: np.asarray(layer) for name, layer in grid.layers.items()}
+    _write_npz(Path(path), {"description": np.array(text), **arrays})
+
+
+def read_layers(path: Path | str) -> ElevationMap:
+    """Read an NPZ that `write_layers` wrote.
+
+    Raises
+    ------
+    FormatError
+        When the file is missing or of another kind.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"{path} does not exist; check the path of the layers")
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            place = json.loads(str(file["description"]))
+            layers: dict[str, NDArray[np.generic]] = {
+                name.removeprefix(PREFIX): file[name] for name in file.files if name.startswith(PREFIX)
+            }
+        return ElevationMap(
+            float(place["x0_m"]), float(place["y0_m"]), float(place["cell_m"]), layers, frame=str(place["frame"])
+        )
+    except (KeyError, TypeError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise FormatError(f"{path} holds no layers of an elevation map ({error}); write it with terrex") from error
+
+
+def write_grid_map(path: Path | str, grid: ElevationMap) -> None:
+    """Write the layers as a `grid_map` holds them: float32 matrices whose index (0, 0) is the cell of largest x and y.
+
+    Rows run along falling x, columns along falling y, storage is column-major, NaN is unknown. `info` is a JSON text
+    with the fields of `grid_map_msgs/GridMapInfo` and the layer names. Slopes are in radians, and `variance` is that of
+    the elevation.
+
+    References
+    ----------
+    P. Fankhauser and M. Hutter, "A Universal Grid Map Library: Implementation and Use Case for Rough Terrain
+    Navigation", Robot Operating System (ROS), Springer, 2016.
+
+    Raises
+    ------
+    FormatError
+        When the path cannot be written.
+    """
+    rows, columns = grid.shape
+    matrices = {name: _turned(layer) for name, layer in _renamed(grid).items()}
+    length_x, length_y = columns * grid.cell_m, rows * grid.cell_m
+    info = {
+        "frame_id": grid.frame,
+        "resolution": grid.cell_m,
+        "length_x": length_x,
+        "length_y": length_y,
+        "position": [grid.x0_m + 0.5 * length_x, grid.y0_m + 0.5 * length_y],
+        "outer_start_index": 0,
+        "inner_start_index": 0,
+        "layers": list(matrices),
+        "basic_layers": ["elevation"],
+    }
+    _write_npz(Path(path), {"info": np.array(json.dumps(info)), **matrices})
+
+
+def _renamed(grid: ElevationMap) -> dict[str, NDArray[np.float32]]:
+    """Return the layers by the names and in the units of grid_map, float32 (H, W)."""
+    known = np.isfinite(np.asarray(grid.layers["elevation"], np.float32))
+    found: dict[str, NDArray[np.float32]] = {}
+    for name, layer in grid.layers.items():
+        values = np.asarray(layer).astype(np.float32)
+        if name == "sigma_m":
+            found["variance"] = values**2
+        elif name == "slope_deg":
+            found["slope"] = values * np.float32(math.pi / 180.0)
+        elif name in ("hazard", "limiting_hazard"):
+            found[name] = np.where(values == Hazard.UNKNOWN, np.float32(np.nan), values)
+        elif name == "filled":
+            found[name] = np.where(known, values, np.float32(np.nan))
+        else:
+            found[GRID_MAP_NAMES.get(name, name)] = values
+    return found
+
+
+def _turned(layer: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Turn rows of y and columns of x into rows of falling x and columns of falling y, column-major."""
+    return np.asfortranarray(layer.T[::-1, ::-1])
+
+
+def _write_npz(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
+    out = BytesIO()
+    np.savez_compressed(out, **arrays)  # type: ignore[arg-type]
+    write_bytes(path, out.getvalue())

@@ -1,0 +1,237 @@
+"""Pictures of an elevation map for people: relief, height, slope and traversability, with scale, rings and legends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.formats.errors import FormatError
+from modules.formats.images import write_image
+from modules.types import ElevationMap, FloatImage, Hazard, Mask
+
+Kind = Literal["relief", "height", "slope", "traversability"]
+Colours = NDArray[np.uint8]
+
+VERTICAL_STRETCH = 1.5
+SUN = (0.5, 0.5, 0.70710678)  # unit vector to the sun: ahead, left and up, which is the upper left of the picture
+MAP_SIDE_PX = 840
+MARGIN_PX, HEAD_PX, FOOT_PX, BAR_PX = 12, 34, 46, 96
+UNKNOWN = (44, 46, 52)
+INK, PAPER, RING = (24, 26, 30), (255, 255, 255), (255, 255, 255)
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+STEEPEST_DEG = 40.0  # end of the scale of slopes
+HAZARD_COLOURS = {
+    Hazard.STEP: (178, 24, 43),
+    Hazard.ROUGHNESS: (118, 42, 131),
+    Hazard.SLOPE: (224, 130, 20),
+}
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """A colour bar: colours from low to high, and what they mean."""
+
+    colours: Colours
+    low: float
+    high: float
+    unit: str
+
+
+def write_terrain_picture(path: Path | str, grid: ElevationMap, kind: Kind = "relief") -> None:
+    """Write a map with forward (x) up and left (y) left, unknown cells dark, filled cells paler.
+
+    Parameters
+    ----------
+    path : Path or str
+        PNG.
+    grid : ElevationMap
+    kind : {"relief", "height", "slope", "traversability"}
+        Shaded relief coloured by height with contour lines; plain height; slope; or the goodness under the rover with
+        the hazards of the cells themselves. The last two need the layers of `compute_slope` and
+        `assess_traversability`.
+
+    Raises
+    ------
+    FormatError
+        When no cell is known, a layer is missing, or the path cannot be written.
+    """
+    elevation = np.asarray(grid.layers["elevation"], np.float32)
+    known = np.isfinite(elevation)
+    if not known.any():
+        raise FormatError(f"{path}: no cell of the elevation grid is known, so there is nothing to draw")
+    needed = {"slope": "slope_deg", "traversability": "traversability"}.get(kind, "elevation")
+    if needed not in grid.layers:
+        raise FormatError(f"{path}: the map has no layer '{needed}'; run the operator that makes it")
+    drawn, scale, words = _DRAWERS[kind](grid, elevation, known)
+    filled = grid.layers.get("filled")
+    if filled is not None and kind != "traversability":
+        drawn = np.where(np.asarray(filled, bool)[..., None], drawn * 0.7 + 255 * 0.3, drawn)
+    coloured: Colours = np.where(known[..., None], drawn, UNKNOWN).astype(np.uint8)
+    write_image(path, _framed(_enlarged(coloured), grid, kind, scale, words))
+
+
+def _palette(map_id: int) -> Colours:
+    ramp = np.arange(256, dtype=np.uint8).reshape(-1, 1)
+    return np.asarray(cv2.applyColorMap(ramp, map_id)[:, 0, ::-1], np.uint8)
+
+
+def _coloured(values: FloatImage, scale: _Scale) -> Colours:
+    tone = np.clip((values - scale.low) / max(scale.high - scale.low, 1e-6), 0.0, 1.0)
+    return scale.colours[np.rint(np.nan_to_num(tone) * 255.0).astype(np.uint8)]
+
+
+def _height_scale(elevation: FloatImage, known: Mask) -> _Scale:
+    low, high = (float(value) for value in np.percentile(elevation[known], [2.0, 98.0]))
+    return _Scale(_palette(cv2.COLORMAP_VIRIDIS), low, max(high, low + 0.01), "m")
+
+
+def _relief(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+    scale = _height_scale(elevation, known)
+    height = _extended(elevation, known)
+    picture = _coloured(height, scale) * (0.3 + 0.75 * _shade(height, grid.cell_m))[..., None]
+    step = round_step((scale.high - scale.low) / 8.0)
+    picture = np.where(_contours(height, known, step)[..., None], picture * 0.5, picture)
+    return picture.clip(0, 255).astype(np.float32), scale, f"contours every {step:g} m"
+
+
+def _height(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+    scale = _height_scale(elevation, known)
+    return _coloured(elevation, scale).astype(np.float32), scale, ""
+
+
+def _slope(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+    scale = _Scale(_palette(cv2.COLORMAP_INFERNO), 0.0, STEEPEST_DEG, "deg")
+    slope = np.asarray(grid.layers["slope_deg"], np.float32)
+    picture = _coloured(slope, scale).astype(np.float32)
+    return np.where(np.isfinite(slope)[..., None], picture, 128.0).astype(np.float32), scale, "grey: patch incomplete"
+
+
+def _traversability(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+    ramp = np.linspace(0.0, 1.0, 256)[:, None]
+    low, middle, high = (np.array(c, float) for c in ((216, 116, 96), (246, 226, 158), (92, 158, 100)))
+    colours = np.where(ramp < 0.5, low + (middle - low) * 2 * ramp, middle + (high - middle) * (2 * ramp - 1))
+    scale = _Scale(np.rint(colours).astype(np.uint8), 0.0, 1.0, "")
+    shade = 0.75 + 0.3 * _shade(_extended(elevation, known), grid.cell_m)[..., None]
+    picture = _coloured(np.asarray(grid.layers["traversability"], np.float32), scale) * shade
+    hazard = np.asarray(grid.layers["hazard"]) if "hazard" in grid.layers else np.zeros(known.shape, np.uint8)
+    for code, colour in HAZARD_COLOURS.items():
+        picture = np.where((hazard == code)[..., None], colour, picture)
+    return picture.clip(0, 255).astype(np.float32), scale, "red step, violet roughness, orange slope"
+
+
+_DRAWERS = {"relief": _relief, "height": _height, "slope": _slope, "traversability": _traversability}
+_TITLES = {"relief": "Relief", "height": "Height", "slope": "Slope", "traversability": "Traversability"}
+
+
+def _extended(elevation: FloatImage, known: Mask) -> FloatImage:
+    """Continue the heights into unknown cells, so that no cliff is drawn at their border."""
+    from scipy.ndimage import distance_transform_edt
+
+    if known.all():
+        return elevation
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(elevation[tuple(nearest)])
+
+
+def _shade(height: FloatImage, cell_m: float) -> FloatImage:
+    """Return the cosine between the surface and the sun, (H, W), 0-1."""
+    smooth = cv2.GaussianBlur(height, (0, 0), 0.7)
+    gy, gx = np.gradient(smooth * VERTICAL_STRETCH, cell_m) if min(height.shape) > 1 else np.zeros((2, *height.shape))
+    dot = (-gx * SUN[0] - gy * SUN[1] + SUN[2]) / np.sqrt(gx**2 + gy**2 + 1.0)
+    return np.clip(dot, 0.0, 1.0).astype(np.float32)
+
+
+def _contours(height: FloatImage, known: Mask, step_m: float) -> Mask:
+    """Return the cells where the smoothed height passes a multiple of the step."""
+    band = np.floor(cv2.GaussianBlur(height, (0, 0), 1.5) / step_m)
+    edge = np.zeros(height.shape, bool)
+    edge[1:] |= (band[1:] != band[:-1]) & known[1:] & known[:-1]
+    edge[:, 1:] |= (band[:, 1:] != band[:, :-1]) & known[:, 1:] & known[:, :-1]
+    return edge
+
+
+def round_step(value: float) -> float:
+    """Return the nearest of 1, 2, 5 times a power of ten that is not smaller."""
+    power = 10.0 ** math.floor(math.log10(max(value, 1e-6)))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= value * 0.999)
+
+
+def _enlarged(drawn: Colours) -> Colours:
+    """Turn rows of y and columns of x so that forward is up and left is left, and enlarge by a whole factor."""
+    upright = np.ascontiguousarray(drawn.transpose(1, 0, 2)[::-1, ::-1])
+    side = max(upright.shape[:2])
+    if side > 2 * MAP_SIDE_PX:
+        scale = MAP_SIDE_PX / side
+        size = (max(1, round(upright.shape[1] * scale)), max(1, round(upright.shape[0] * scale)))
+        return np.asarray(cv2.resize(upright, size, interpolation=cv2.INTER_AREA), np.uint8)
+    factor = max(1, MAP_SIDE_PX // side)
+    return np.repeat(np.repeat(upright, factor, axis=0), factor, axis=1)
+
+
+def _framed(drawn: Colours, grid: ElevationMap, kind: Kind, scale: _Scale, words: str) -> Colours:
+    """Put the map on paper with rings about the origin, a title, a scale bar and a colour bar."""
+    height, width = drawn.shape[:2]
+    px_per_m = width / (grid.shape[0] * grid.cell_m)
+    _draw_rings(drawn, grid, px_per_m)
+    total = max(width, 520)
+    canvas = np.full((HEAD_PX + height + FOOT_PX, MARGIN_PX + total + BAR_PX, 3), PAPER, np.uint8)
+    left = MARGIN_PX + (total - width) // 2
+    canvas[HEAD_PX : HEAD_PX + height, left : left + width] = drawn
+    title = f"{_TITLES[kind]}  {words}" if words else _TITLES[kind]
+    _text(canvas, title, (MARGIN_PX, 22), 0.5)
+    y = HEAD_PX + height + 16
+    bar_m = round_step(total / px_per_m / 6.0)
+    cv2.rectangle(canvas, (MARGIN_PX, y - 5), (MARGIN_PX + round(bar_m * px_per_m), y), INK, -1)
+    _text(canvas, f"{bar_m:g} m", (MARGIN_PX, y + 18), 0.45)
+    unknown = "dark: unknown" + ("" if kind == "traversability" else ", pale: filled")
+    _text(canvas, f"x ahead is up, y left; rings about the rover; {unknown}", (MARGIN_PX + 90, y + 18), 0.42)
+    _draw_colour_bar(canvas, scale, MARGIN_PX + total + 14, HEAD_PX + 8, min(height - 16, 320))
+    return canvas
+
+
+def _draw_rings(drawn: Colours, grid: ElevationMap, px_per_m: float) -> None:
+    """Draw circles about the origin of the frame, labelled with their radius."""
+    top = grid.x0_m + grid.shape[1] * grid.cell_m  # the first row is the largest x
+    left = grid.y0_m + grid.shape[0] * grid.cell_m
+    centre = (round(left * px_per_m), round(top * px_per_m))
+    corners = [(x, y) for x in (grid.x0_m, top) for y in (grid.y0_m, left)]
+    farthest = max(math.hypot(x, y) for x, y in corners)
+    step = round_step(farthest / 6.0)
+    # Labels stand along the line from the rover through the middle of the map.
+    middle = (drawn.shape[1] / 2.0 - centre[0], drawn.shape[0] / 2.0 - centre[1])
+    length = max(math.hypot(*middle), 1.0)
+    for number in range(1, 1 + int(farthest / step)):
+        radius = number * step * px_per_m
+        cv2.circle(drawn, centre, round(radius), RING, 1, cv2.LINE_AA)
+        place = (
+            round(centre[0] + radius * middle[0] / length) + 4,
+            round(centre[1] + radius * middle[1] / length) - 4,
+        )
+        if 12 < place[1] < drawn.shape[0] and 0 <= place[0] < drawn.shape[1] - 40:
+            label = f"{number * step:g} m"
+            cv2.putText(drawn, label, place, FONT, 0.42, INK, 3, cv2.LINE_AA)
+            cv2.putText(drawn, label, place, FONT, 0.42, RING, 1, cv2.LINE_AA)
+
+
+def _draw_colour_bar(canvas: Colours, scale: _Scale, x: int, y: int, height: int) -> None:
+    if height < 40:
+        return
+    ramp = scale.colours[np.linspace(255, 0, height).astype(np.uint8)]
+    canvas[y : y + height, x : x + 16] = ramp[:, None]
+    step = round_step((scale.high - scale.low) / 6.0)
+    first = math.ceil(scale.low / step - 1e-9)
+    for number in range(first, 1 + math.floor(scale.high / step + 1e-9)):
+        value = number * step
+        row = y + round((height - 1) * (scale.high - value) / (scale.high - scale.low))
+        cv2.line(canvas, (x + 16, row), (x + 21, row), INK, 1)
+        _text(canvas, f"{value:g} {scale.unit}".strip(), (x + 24, row + 4), 0.4)
+
+
+def _text(canvas: Colours, text: str, place: tuple[int, int], size: float) -> None:
+    cv2.putText(canvas, text, place, FONT, size, INK, 1, cv2.LINE_AA)
