@@ -86,7 +86,8 @@ def check_rules(
     if with_cases:
         files, errors = read_cases(merged, vocabulary, cases)
         cases_of = {file.rule: [GivenCase(facts_of(case), case.fires) for case, _ in file.cases] for file in files}
-    found = warnings(Context(merged, vocabulary, operators, probes, cases_of))
+    folder = "knowledge/cases" if cases is None else cases.as_posix()
+    found = warnings(Context(merged, vocabulary, operators, probes, cases_of, folder))
     documents = _documents_of_interest(merged, bool(paths) and shipped)
     names = {document.file for document in documents}
     return sorted(errors + _silence([item for item in found if item.file in names], documents))

@@ -61,6 +61,7 @@ class Context:
     operators: Mapping[str, Operator]
     probes: Mapping[str, Probe]
     cases: Mapping[str, Sequence[GivenCase]] | None = None
+    case_folder: str = "knowledge/cases"
 
     @cached_property
     def scopes(self) -> tuple[RuleScope, ...]:

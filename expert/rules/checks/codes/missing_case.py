@@ -24,7 +24,7 @@ def _find(context: Context) -> Iterator[Problem]:
             missing.append("at a threshold")
         if missing:
             message = f"rule {rule.id} has no case {', none '.join(missing)}"
-            yield origin.problem((), "missing-case", message, f"add it to knowledge/cases/{rule.id}.yaml")
+            yield origin.problem((), "missing-case", message, f"add it to {context.case_folder}/{rule.id}.yaml")
 
 
 CHECK = Check(
