@@ -76,6 +76,10 @@ bench-inference: $(STAMP)  ## Measure inference: shipped rules and generated rul
 bench-rules: $(STAMP)  ## Measure the time to check rule files of 100 and 1000 rules
 	@$(BIN)/python -m benchmarks.rule_check
 
+.PHONY: fuzz
+fuzz: $(STAMP)  ## Feed the reader of rule files thousands of inputs drawn anew, and the largest of every kind
+	@TERREX_FUZZ=3000 $(BIN)/pytest -n $(JOBS) --no-header tests/expert/rules/test_load_fuzz.py
+
 mutation: $(STAMP)  ## Change every rule a little and check that one of its cases fails
 	@$(BIN)/python tests/expert/mutation.py
 

@@ -30,7 +30,7 @@ from expert.rules.model import (
     ThresholdRef,
 )
 
-_WORDS = {
+OP_WORDS = {
     "eq": "is {}", "ne": "is not {}", "lt": "is below {}", "le": "is at most {}", "gt": "is above {}",
     "ge": "is at least {}", "abs_lt": "is below {} in magnitude", "abs_le": "is at most {} in magnitude",
     "abs_gt": "is above {} in magnitude", "abs_ge": "is at least {} in magnitude", "in": "is one of {}",
@@ -89,7 +89,7 @@ def _comparison_text(
         value = word.join(operand_text(item, unit, thresholds) for item in condition.value)
     else:
         value = operand_text(condition.value, unit, thresholds)
-    return f"{subject} {_WORDS[condition.op].format(value)}"
+    return f"{subject} {OP_WORDS[condition.op].format(value)}"
 
 
 def condition_text(

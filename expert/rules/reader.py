@@ -17,6 +17,7 @@ from expert.rules.problem import Problem, RuleFileError
 
 MAX_BYTES = 4_000_000
 MAX_DEPTH = 40
+MAX_NODES = 250_000  # a file of a thousand rules has about fifty thousand keys and values
 
 Path: TypeAlias = tuple[str | int, ...]
 Mark: TypeAlias = tuple[int, int]
@@ -92,10 +93,17 @@ class _Builder:
         self.stack: list[_Open] = []
         self.root: Any = None
         self.documents = 0
+        self.nodes = 0
 
     def complain(self, event: Any, code: str, message: str, hint: str = "") -> None:
         mark = event.start_mark
         self.problems.append(Problem(self.document.file, mark.line + 1, mark.column + 1, code, message, hint))
+
+    def _count(self, event: Any) -> None:
+        self.nodes += 1
+        if self.nodes >= MAX_NODES:
+            self.complain(event, "too-large", f"more than {MAX_NODES} keys and values", "split it into layers")
+            raise RuleFileError(self.problems)
 
     def feed(self, event: Any) -> None:
         if isinstance(event, yaml.DocumentStartEvent):
@@ -104,6 +112,8 @@ class _Builder:
                 self.complain(event, "several-documents", "the file holds more than one YAML document", "remove `---`")
         if self.documents > 1:
             return
+        if isinstance(event, yaml.NodeEvent):
+            self._count(event)
         if isinstance(event, yaml.AliasEvent):
             self.complain(event, "alias", f"alias '*{event.anchor}' is not allowed", "write the value out")
             self._place(event, None)

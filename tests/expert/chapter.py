@@ -1,8 +1,8 @@
 """Run a chapter: files as it shows them, commands as it types them, and the true output of each.
 
 In the chapter, a block ```yaml NAME is a file to write, ```diff NAME an edit to a file, ```console what is typed after
-`$` and what is printed; a line `...` stands for any lines. An edit with the word `broken` beside the name is undone
-after the next console block.
+`$` and what is printed; a line `...` stands for any lines, ` ...` at the end of one for its rest. An edit with the word
+`broken` beside the name is undone after the next console block.
 
 `python tests/expert/chapter.py docs/newcomers_hour.md` writes the true output into the chapter.
 """
@@ -46,7 +46,8 @@ class Typed:
     @property
     def true(self) -> bool:
         """Whether the chapter shows what is printed."""
-        parts = [re.escape(part) for part in re.split(r"^\.\.\.\n", self.shown, flags=re.MULTILINE)]
+        lines = re.split(r"^\.\.\.\n", self.shown, flags=re.MULTILINE)
+        parts = [".*".join(map(re.escape, part.split(" ..."))) for part in lines]
         return re.fullmatch("(?:.*\n)*".join(parts), self.printed) is not None
 
 

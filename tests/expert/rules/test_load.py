@@ -1,32 +1,10 @@
 from __future__ import annotations
 
-import json
-
 import pytest
-from hypothesis import HealthCheck, given, seed, settings
-from hypothesis import strategies as st
 
 from expert.rules.load import load_rules
 from expert.rules.problem import RuleFileError
 from expert.rules.reader import MAX_BYTES, read_document
-
-
-def problems_of(call):
-    """Return the problems with which a call refuses its input; any other exception is a failure."""
-    try:
-        call()
-    except RuleFileError as error:
-        return error.problems
-    return None
-
-
-def sound(problems):
-    return problems is None or (
-        problems and all(item.line >= 1 and item.column >= 1 and item.message for item in problems)
-    )
-
-
-FUZZ = settings(max_examples=150, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 def test_a_sound_file_loads_with_the_line_of_every_rule(load, good_text):
@@ -115,66 +93,3 @@ def test_hostile_input_is_refused_by_name(raw, code):
 def test_numbers_are_read_as_people_read_them():
     data = read_document("x.yaml", b'[1, -2, 0.5, 1e3, .5, "1", true, null, text]').data
     assert data == [1, -2, 0.5, 1000.0, 0.5, "1", True, None, "text"]
-
-
-@seed(1)
-@FUZZ
-@given(raw=st.binary(max_size=200))
-def test_any_bytes_are_accepted_or_refused(raw):
-    assert sound(problems_of(lambda: read_document("x.yaml", raw)))
-
-
-@seed(2)
-@FUZZ
-@given(data=st.data())
-def test_a_mutated_rule_file_is_accepted_or_refused(data, good_text, words, operators, probes, tmp_path_factory):
-    text = good_text
-    for _ in range(data.draw(st.integers(1, 3))):
-        start = data.draw(st.integers(0, len(text)))
-        length = data.draw(st.integers(0, 12))
-        piece = data.draw(
-            st.sampled_from(["", "\t", "- ", ": ", "{", "}", "[]", "null", "not: ", "*a", "'", "1.5", "\n", "\r"])
-        )
-        text = text[:start] + piece + text[start + length :]
-    path = tmp_path_factory.getbasetemp() / "mutated.yaml"
-    path.write_bytes(text.encode())
-    assert sound(problems_of(lambda: load_rules([path], words, operators, probes, shipped=False)))
-
-
-_KEYS = st.sampled_from(
-    [
-        "fact",
-        "field",
-        "op",
-        "value",
-        "not",
-        "any_of",
-        "exists",
-        "for_all",
-        "where",
-        "then",
-        "threshold",
-        "add",
-        "finding",
-    ]
-)
-_TREES = st.recursive(
-    st.sampled_from([None, True, 1, 0.5, "brightness", "offset_dn", "gt", "brightness.offset_dn"]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_KEYS, inner, max_size=3),
-    max_leaves=12,
-)
-
-
-@seed(3)
-@FUZZ
-@given(condition=_TREES, action=_TREES)
-def test_any_tree_as_condition_and_action_is_accepted_or_refused(
-    condition, action, good_text, words, operators, probes, tmp_path_factory
-):
-    path = tmp_path_factory.getbasetemp() / "tree.yaml"
-    rule = {
-        "id": "COR009", "name": "x", "stage": "correction", "when": [condition], "then": [action],
-        "because": "A reason that is long.", "references": ["x"],
-    }  # fmt: skip
-    path.write_text(good_text + "  - " + json.dumps(rule) + "\n")
-    assert sound(problems_of(lambda: load_rules([path], words, operators, probes, shipped=False)))
