@@ -14,7 +14,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-causes bench-facts bench-inference mutation schema fmt lock wheel clean bench-terrain
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-causes bench-facts bench-inference bench-field bench-ground-plane mutation schema fmt lock wheel clean bench-terrain
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -63,6 +63,12 @@ bench-terrain: $(STAMP)  ## Measure elevation, uncertainty and hazards on render
 	@$(BIN)/python -m benchmarks.terrain $(ARGS)
 	@$(BIN)/python -m benchmarks.terrain --speed
 
+bench-field: $(STAMP)  ## Reconstruct rover pairs and measure how level their ground is (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.field_pairs $(ARGS)
+
+bench-ground-plane: $(STAMP)  ## Measure on rendered terrain whether the fitted ground plane states its uncertainty honestly
+	@$(BIN)/python -m benchmarks.ground_plane
+
 bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matrix over development pairs (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.causes $(ARGS)
 
@@ -83,9 +89,10 @@ fuzz: $(STAMP)  ## Feed the reader of rule files thousands of inputs drawn anew,
 mutation: $(STAMP)  ## Change every rule a little and check that one of its cases fails
 	@$(BIN)/python tests/expert/mutation.py
 
-schema: $(STAMP)  ## Write the schemas of rule files, for editors, and of decision.json
+schema: $(STAMP)  ## Write the schemas of rule files and calibrations, for editors, and of decision.json
 	@$(BIN)/terrex rules schema > knowledge/rules.schema.json
 	@$(BIN)/terrex explain --schema > knowledge/decision.schema.json
+	@$(BIN)/terrex calibrate --schema > docs/calibration.schema.json
 
 fmt: $(STAMP)  ## Format code and rules, and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true

@@ -184,7 +184,10 @@ class ExpertSystem:
         if attitude is not None:
             degrees = 57.29577951308232
             known = MeasuredAttitude(
-                known=True, roll_deg=attitude.roll_rad * degrees, pitch_deg=attitude.pitch_rad * degrees
+                known=True,
+                roll_deg=attitude.roll_rad * degrees,
+                pitch_deg=attitude.pitch_rad * degrees,
+                sigma_deg=attitude.sigma_rad * degrees if attitude.sigma_rad > 0.0 else None,
             )
         task = self._task.model_copy(update={"range_given": pair.disparity_range_px is not None})
         installed = [

@@ -60,6 +60,14 @@ class MeasuredAttitude(FactModel):
     known: bool = quantity("Whether an attitude is given", default=False)
     roll_deg: float | None = quantity("Roll, positive lowers the right side", unit="deg", ge=-180, le=180, default=None)
     pitch_deg: float | None = quantity("Pitch, positive lowers the nose", unit="deg", ge=-90, le=90, default=None)
+    sigma_deg: float | None = quantity(
+        "Stated standard deviation of roll and pitch; absent where none was stated",
+        unit="deg",
+        ge=0,
+        le=90,
+        resolution=0.01,
+        default=None,
+    )
 
 
 class StatedRover(FactModel):

@@ -7,10 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from modules.primitives.frames import level_from_body
 from modules.primitives.planes import robust_plane
 from modules.probe import FactModel, Probe, quantity
-from modules.types import Attitude, ElevationMap, Mask, Scene
+from modules.types import ElevationMap, Mask, Scene
 
 NEAR_M = 6.0  # where a rover plans its next metres
 PLANE_TOLERANCE_M = 0.15
@@ -25,7 +24,10 @@ class TerrainQuality(FactModel):
     point_count: int = quantity("Points after gating", ge=0)
     kept_fraction: float = quantity("Points kept of the pixels that have a disparity", ge=0.0, le=1.0, resolution=0.001)
     behind_camera_fraction: float = quantity(
-        "Points behind the camera in its optical frame or level heading", ge=0.0, le=1.0, resolution=0.001
+        "Matched pixels whose disparity + doffs is not positive, so that they would lie behind the camera",
+        ge=0.0,
+        le=1.0,
+        resolution=0.001,
     )
     median_range_m: float | None = quantity(
         "Median horizontal distance of the points", unit="m", ge=0.0, resolution=0.01, default=None
@@ -91,27 +93,19 @@ def measure_terrain_quality(scene: Scene) -> list[TerrainQuality]:
         return []
     values: dict[str, float | int] = {"point_count": len(points), "behind_camera_fraction": 0.0, "kept_fraction": 0.0}
     matched = int(np.count_nonzero(scene.disparity.valid))
+    beyond = scene.rejected.get("behind_camera", 0)
     if matched:
         values["kept_fraction"] = min(1.0, len(points) / matched)
+        values["behind_camera_fraction"] = min(1.0, beyond / matched)
     if len(points):
         xyz = points.xyz_m.astype(np.float64)
         values["median_range_m"] = float(np.median(np.hypot(xyz[:, 0], xyz[:, 1])))
-        values["behind_camera_fraction"] = _behind(scene, xyz)
         values.update(_plane(scene, xyz))
     if scene.attitude is not None:
         values["attitude_sigma_deg"] = math.degrees(scene.attitude.sigma_rad)
     if scene.elevation is not None:
         values.update(_grid(scene.elevation))
     return [TerrainQuality.model_validate(values)]
-
-
-def _behind(scene: Scene, xyz: np.ndarray) -> float:
-    """Return the fraction of the points behind the left camera."""
-    level = level_from_body(scene.attitude if scene.attitude is not None else Attitude())
-    lift = np.array([0.0, 0.0, scene.ground.height_m if scene.ground is not None else 0.0])
-    camera = level @ np.asarray(scene.mount.translation_m) + lift
-    axis = level @ scene.mount.rotation[:, 2]
-    return float(np.mean((xyz - camera) @ axis <= 0.0))
 
 
 def _plane(scene: Scene, xyz: np.ndarray) -> dict[str, float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
-from modules.primitives.frames import roll_pitch_from_up
+from modules.primitives.frames import level_from_body, roll_pitch_from_up
 from modules.primitives.planes import least_squares_plane, robust_plane
 from modules.types import Attitude, Calibration, GroundPlane, Scene
 
@@ -40,7 +40,9 @@ def level_by_ground_plane(scene: Scene, params: LevelByGroundPlaneParams) -> Sce
     """Fit the dominant plane and make it level: it becomes z = 0, and roll and pitch follow from it.
 
     The fit is made in disparity space, where a plane is linear in column and row and the noise is the same everywhere;
-    a fit to points would be biased, because their noise lies along the rays.
+    a fit to points would be biased, because their noise lies along the rays. Where the scene has an attitude with a
+    stated uncertainty (an accelerometer of a moving vehicle, a rover assumed to stand level), the two are weighed
+    against each other by their variances, and its yaw is kept.
 
     Parameters
     ----------
@@ -52,7 +54,7 @@ def level_by_ground_plane(scene: Scene, params: LevelByGroundPlaneParams) -> Sce
     -------
     Scene
         With `ground` (`normal` is up in body axes, `height_m` is the height of the body origin above the plane) and an
-        `attitude` with yaw 0. The real slope of the ground is lost: it is level by definition.
+        `attitude`. Without a prior attitude the real slope of the ground is lost: it is level by definition.
 
     Raises
     ------
@@ -94,7 +96,6 @@ def level_by_ground_plane(scene: Scene, params: LevelByGroundPlaneParams) -> Sce
             f"the dominant plane is tilted by {tilt:.0f} deg against the body, above {params.max_tilt_deg:g} deg; "
             "it is a wall or the mount is wrong: give an attitude or use reconstruction.assume_level"
         )
-    roll, pitch = roll_pitch_from_up(up)
     inside = fit.inliers
     sigma = _tilt_sigma(xy[inside], shifted[inside], tolerance[inside], scene)
     camera_height = height + float(up @ np.asarray(scene.mount.translation_m))
@@ -108,7 +109,19 @@ def level_by_ground_plane(scene: Scene, params: LevelByGroundPlaneParams) -> Sce
     )
     # The jackknife knows how well the plane is determined, not how far the ground itself is from level.
     total = math.hypot(sigma, math.radians(params.ground_slope_sigma_deg))
-    return replace(scene, ground=ground, attitude=Attitude(roll_rad=roll, pitch_rad=pitch, sigma_rad=total))
+    return replace(scene, ground=ground, attitude=_weighed(scene.attitude, up, total))
+
+
+def _weighed(prior: Attitude | None, up: NDArray[np.float64], sigma_rad: float) -> Attitude:
+    """Return the attitude at which `up` (3,) points up, weighed against one that states its uncertainty."""
+    if prior is None or prior.sigma_rad == 0.0 or sigma_rad == 0.0:
+        roll, pitch = roll_pitch_from_up(up)
+        return Attitude(roll_rad=roll, pitch_rad=pitch, sigma_rad=sigma_rad)
+    weights = 1.0 / prior.sigma_rad**2, 1.0 / sigma_rad**2
+    prior_up = level_from_body(prior)[2]
+    both = weights[0] * prior_up + weights[1] * up
+    roll, pitch = roll_pitch_from_up(both / np.linalg.norm(both))
+    return Attitude(roll, pitch, prior.yaw_rad, 1.0 / math.sqrt(sum(weights)))
 
 
 def _near_pixels(
@@ -158,7 +171,7 @@ OPERATOR = Operator(
     params=LevelByGroundPlaneParams,
     function=level_by_ground_plane,
     cost=Cost(fixed_ms=30.0, ns_per_pixel=30.0),
-    summary="Fits the dominant ground plane and takes it as level.",
-    suits="Without a measured attitude, where most near pixels are gently rolling ground; hides its mean slope.",
+    summary="Fits the dominant ground plane and takes it as level, or weighs it against an uncertain attitude.",
+    suits="Without a sure attitude, where most near pixels are gently rolling ground; hides its mean slope.",
     needs=("calibration",),
 )

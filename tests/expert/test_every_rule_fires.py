@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from expert import Decision, ExpertSystem, StereoPair
 from expert.facts import vocabulary
+from expert.pair import Preparation
 from expert.rules.load import load_rules
 from modules.catalog import operators, probes
 from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, distort_right, render_terrain
@@ -141,15 +144,31 @@ def faulty_decisions(system: ExpertSystem) -> Iterator[Decision]:
     yield system.decide(StereoPair(fence, fence))
 
 
+def calibration_decisions(system: ExpertSystem) -> Iterator[Decision]:
+    """Yield decisions on calibrations that are doubtful, scaled or shifted, and on an attitude that is only assumed."""
+    left, right = plane(texture(1), 12)
+    pair = StereoPair(left, right, calibration=CAMERA)
+    yield system.decide(replace(pair, preparation=Preparation(calibration_scale=0.5)))
+    lower = np.roll(right, 3, axis=0)
+    yield system.decide(replace(pair, right=lower, preparation=Preparation(rectified_here=True)))
+    yield system.decide(replace(pair, attitude=Attitude(sigma_rad=0.1)))
+    near = plane(texture(1), 30)[1]
+    both = np.concatenate([right[: HEIGHT // 2], near[HEIGHT // 2 :]])
+    shifted = replace(CAMERA, doffs_px=-20.0)
+    yield system.reconstruct(StereoPair(left, both, calibration=shifted, attitude=Attitude())).decision
+
+
 def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     system = ExpertSystem(engine="compiled")
     fired: set[str] = set()
-    for decision in (
-        *rendered_decisions(system),
-        *synthetic_decisions(system, tmp_path),
-        *lit_decisions(system),
-        *faulty_decisions(system),
-    ):
+    decisions = (
+        rendered_decisions(system),
+        synthetic_decisions(system, tmp_path),
+        lit_decisions(system),
+        faulty_decisions(system),
+        calibration_decisions(system),
+    )
+    for decision in itertools.chain(*decisions):
         fired |= rules_of(decision)
     left, right = plane(texture(1), 12)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
