@@ -75,6 +75,15 @@ bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matri
 bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over development pairs x distortions (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.accuracy $(ARGS)
 
+bench-matching: $(STAMP)  ## Measure the matchers: accuracy, time, memory, scaling, pixel locking (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.matching --plot build/matching-scaling.png $(ARGS)
+
+bench-pandora: build/pandora/bin/pandora  ## Install CNES Pandora into an environment of its own, for bench-matching
+
+build/pandora/bin/pandora:
+	@mkdir -p build && $(PYTHON) -m venv build/pandora
+	@build/pandora/bin/python -m pip install -qq --disable-pip-version-check pandora==1.9.0 pandora-plugin-libsgm==1.5.8
+
 bench-inference: $(STAMP)  ## Measure inference: shipped rules and generated rule bases, both engines
 	@$(BIN)/python -m benchmarks.inference
 

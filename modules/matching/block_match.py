@@ -21,7 +21,7 @@ class BlockMatchParams(OperatorParams):
     prefilter_cap: int = Field(31, ge=1, le=63, description="Limit of the horizontal derivative, DN")
     texture_threshold: int = Field(10, ge=0, le=10000, description="Least sum of absolute derivatives per block, DN")
     uniqueness_percent: int = Field(10, ge=0, le=100, description="Margin of the best cost over the second best, %")
-    right_disparity: bool = Field(True, description="Also match from right to left, for the left-right check")
+    right_disparity: bool = Field(False, description="Also match from right to left, for the left-right check")
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
 
 
@@ -76,7 +76,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=BlockMatchParams,
     function=block_match,
-    cost=Cost(fixed_ms=2.0, ns_per_pixel=30.0, ns_per_pixel_disparity=1.5),
+    cost=Cost(fixed_ms=2.0, ns_per_pixel=32.0, ns_per_pixel_disparity=0.5),
     summary="Match blocks after a horizontal Sobel filter.",
     suits="Fastest and nearly immune to smooth radiometric differences; blurs depth edges, leaves weak texture empty.",
 )

@@ -30,7 +30,7 @@ class SemiGlobalBlockMatchParams(OperatorParams):
     prefilter_cap: int = Field(63, ge=1, le=63, description="Limit of the horizontal derivative, DN")
     uniqueness_percent: int = Field(10, ge=0, le=100, description="Margin of the best cost over the second best, %")
     colour: bool = Field(True, description="Match the three channels of RGB images instead of gray")
-    right_disparity: bool = Field(True, description="Also match from right to left, for the left-right check")
+    right_disparity: bool = Field(False, description="Also match from right to left, for the left-right check")
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
 
 
@@ -104,7 +104,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=SemiGlobalBlockMatchParams,
     function=semi_global_block_match,
-    cost=Cost(fixed_ms=2.0, ns_per_pixel=50.0, ns_per_pixel_disparity=4.0),
+    cost=Cost(fixed_ms=2.0, ns_per_pixel=40.0, ns_per_pixel_disparity=1.7),
     summary="Match blocks with a smoothness penalty along several paths.",
     suits="Robust to noise and blur, fast; harmed by brightness differences on weak texture.",
 )

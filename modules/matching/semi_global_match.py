@@ -211,7 +211,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=SemiGlobalMatchParams,
     function=semi_global_match,
-    cost=Cost(fixed_ms=5.0, ns_per_pixel=220.0, ns_per_pixel_disparity=4.5),
+    cost=Cost(fixed_ms=5.0, ns_per_pixel=130.0, ns_per_pixel_disparity=2.3),
     summary="Match by census and horizontal derivatives along eight paths.",
     suits="The most accurate matcher, immune to brightness differences; slower, and heavy noise needs a larger window.",
     needs=("numba",),
