@@ -3,7 +3,7 @@
     TERREX_DATA=... python -m benchmarks.matching [--every N] [--only SECTION ...] [--pandora PYTHON] [--plot FILE]
 
 Sections: accuracy (needs TERREX_DATA), cost, scaling, threads, locking, start. Pandora runs in an environment of its
-own, made by `make bench-pandora`; without it its rows are left out. Times are CPU seconds, memory what the peak grows by.
+own, made by `make bench-pandora`; without it its rows are left out. Times are CPU seconds, memory the growth of the peak.
 """
 
 from __future__ import annotations
@@ -171,7 +171,8 @@ def extra_mb(name: str, values: dict, size: tuple[int, int, int]) -> float:
     """Return by how much a match raises the peak memory of a process of its own, MB."""
     columns, rows, count = size
     code = (
-        "import json, resource\nfrom benchmarks.matching import made_pair, run\nfrom modules.types import DisparityRange\n"
+        "import json, resource\nfrom benchmarks.matching import made_pair, run\n"
+        "from modules.types import DisparityRange\n"
         f"values = json.loads({json.dumps(values)!r})\n"
         f"run({name!r}, values, made_pair(96, 64), DisparityRange(0, 16)); views = made_pair({columns}, {rows})\n"
         "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
