@@ -3,7 +3,7 @@
     TERREX_DATA=... python -m benchmarks.matching [--every N] [--only SECTION ...] [--pandora PYTHON] [--plot FILE]
 
 Sections: accuracy (needs TERREX_DATA), cost, scaling, threads, locking, start. Pandora runs in an environment of its
-own, made by `make bench-pandora`; without it its rows are left out. Times are CPU seconds, memory the growth of the peak.
+own, made by `make bench-pandora`; without it its rows are left out. Times are CPU seconds, memory is extra.
 """
 
 from __future__ import annotations
