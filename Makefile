@@ -123,3 +123,10 @@ wheel: $(STAMP)  ## Build the wheel and the source distribution into dist/
 clean:  ## Remove the environment and everything that was built
 	rm -rf $(VENV) build dist demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.PHONY: bench-correction bench-correction-rules
+bench-correction: $(STAMP)  ## Measure the time of every operator of correction
+	@$(BIN)/python -m benchmarks.correction $(ARGS)
+
+bench-correction-rules: $(STAMP)  ## Measure the rules of correction before a fixed matcher (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.correction_rules $(ARGS)
