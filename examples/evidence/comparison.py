@@ -25,7 +25,7 @@ from modules.operator import OperatorError
 from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, render_terrain
 from modules.simulation.distortions import scale_distortion
 from modules.simulation.sensor import SensorParams, apply_sensor
-from modules.types import DisparityRange, FloatImage, Mask, Matching, Views
+from modules.types import DisparityRange, FloatImage, Image, Mask, Matching, Views
 
 Step = tuple[str, Mapping[str, Any]]  # operator and parameters
 Steps = Sequence[Step]
@@ -78,12 +78,34 @@ def cases(folder: Path, every: int, terrain: int, differing: bool = False) -> It
         yield Case(f"terrain {seed}", f"terrain {seed}", views, made.disparity_px, scored, TERRAIN_NDISP)
 
 
-def distort(views: Views, distortion: SensorParams | str, seed: int) -> Views:
-    """Return the views with a distortion of the right image: a reference one by name, `dark x0.5` for half of it."""
+Distortion = SensorParams | str | float
+
+
+def distort(views: Views, distortion: Distortion, seed: int) -> Views:
+    """Return the views with a distortion of the right image.
+
+    A reference one by name, `dark x0.5` for half of it; parameters of the sensor; or the share of stuck pixels, beside
+    which one column and one row in 200 are at half brightness.
+    """
+    if isinstance(distortion, float):
+        return views.with_images(views.left, stick(views.right, distortion, seed))
     if isinstance(distortion, str):
         name, _, strength = distortion.partition(" x")
         distortion = scale_distortion(REFERENCE_DISTORTIONS[name], float(strength or 1))
     return views.with_images(views.left, apply_sensor(views.right, distortion, seed))
+
+
+def stick(image: Image, share: float, seed: int) -> Image:
+    """Return the image with hot and dead pixels and half-bright lines."""
+    random = np.random.default_rng(seed)
+    broken = image.copy()
+    height, width = image.shape[:2]
+    for axis, length in ((1, width), (0, height)):
+        lines = random.choice(np.arange(2, length - 2), max(1, length // 200), replace=False)
+        np.moveaxis(broken, axis, 0)[lines] //= 2
+    for level in (0, np.iinfo(image.dtype).max):
+        broken[random.random((height, width)) < share / 2] = level
+    return broken
 
 
 def correct(views: Views, steps: Steps) -> Views:
@@ -134,7 +156,7 @@ def arguments(purpose: str | None) -> argparse.Namespace:
 
 def compare(
     given: argparse.Namespace,
-    distortions: Mapping[str, SensorParams | str],
+    distortions: Mapping[str, Distortion],
     corrections: Mapping[str, Steps],
     differing: bool = False,
 ) -> None:

@@ -123,6 +123,7 @@ def lit_decisions(system: ExpertSystem) -> Iterator[Decision]:
     bright, dim = (image[:20].astype(float) for image in (left, right))
     red = np.stack([np.clip(dim + 40, 0, 255), dim, dim], axis=-1)
     yield system.decide(StereoPair(np.repeat(bright[..., None], 3, -1).astype(np.uint8), red.astype(np.uint8)))
+    yield from before_intensities(left, right, across, shadow)
     flat = texture(1, width=WIDTH)[:20] * 0.3 + np.linspace(0, 180, WIDTH)
     curve = (255 * (np.arange(256) / 255.0) ** 3).astype(np.uint8)
     yield system.decide(StereoPair(flat.astype(np.uint8), curve[flat.astype(np.uint8)]))
@@ -156,6 +157,19 @@ def calibration_decisions(system: ExpertSystem) -> Iterator[Decision]:
     both = np.concatenate([right[: HEIGHT // 2], near[HEIGHT // 2 :]])
     shifted = replace(CAMERA, doffs_px=-20.0)
     yield system.reconstruct(StereoPair(left, both, calibration=shifted, attitude=Attitude())).decision
+
+
+def before_intensities(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], across: NDArray[np.float64], shadow: NDArray[np.float64]
+) -> Iterator[Decision]:
+    """Yield decisions of the fast profile, whose matcher compares intensities."""
+    fast = ExpertSystem(profile="fast", engine="compiled")
+    y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    for light in (1 - 0.3 * (x**2 + y**2), np.broadcast_to(across, x.shape), np.broadcast_to(shadow, x.shape)):
+        yield fast.decide(StereoPair(left, np.clip(right * light, 0, 255).astype(np.uint8)))
+    yield fast.reconstruct(StereoPair(texture(2)[:, :WIDTH], texture(3)[:, :WIDTH])).decision
+    strips = [np.clip(image[:20] * light, 0, 255) for image, light in ((left, across), (right, across[::-1]))]
+    yield fast.reconstruct(StereoPair(*(strip.astype(np.uint8) for strip in strips))).decision
 
 
 def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
