@@ -12,8 +12,9 @@ from expert.cli import rule_diff, rule_watch, rule_writing
 from expert.cli.rule_common import Layers, exit_code, is_shipped, known, load, words
 from expert.engine import EngineName, make_engine
 from expert.facts import Vocabulary
-from expert.rules.cases import coverage, read_cases, run_cases
+from expert.rules.cases import read_cases, run_cases
 from expert.rules.check import as_json, check_rules
+from expert.rules.coverage import coverage
 from expert.rules.explain import sentence
 from expert.rules.load import LoadedRules
 from expert.rules.missing import missing_cases
@@ -63,7 +64,9 @@ def run_rule_cases(
     ids: Annotated[Optional[list[str]], typer.Argument(help="Rule ids; all rules without any.")] = None,  # noqa: UP045
     rules: Layers = None,
     cases: Annotated[Optional[Path], typer.Option("--cases", help="Directory of the case files.")] = None,  # noqa: UP045
-    show_coverage: Annotated[bool, typer.Option("--coverage", help="Also say which rules lack cases.")] = False,
+    show_coverage: Annotated[
+        bool, typer.Option("--coverage", help="Also say which rules, conditions and actions lack cases.")
+    ] = False,
     missing: Annotated[
         bool, typer.Option("--missing", help="Also print cases at the limits that no case touches.")
     ] = False,
@@ -84,14 +87,12 @@ def run_rule_cases(
     typer.echo(f"{len(results)} cases, {len(failed)} failed")
     complete = True
     if show_coverage:
-        found = coverage(loaded, results, vocabulary, ids or None)
+        files, _ = read_cases(loaded.merged, vocabulary, cases, ids or None)
+        runner = make_engine("compiled", vocabulary)
+        found = coverage(loaded, runner, results, files, vocabulary, ids or None)
         complete = found.complete
-        for label, lacking in (
-            ("firing case", found.without_firing),
-            ("quiet case", found.without_quiet),
-            ("boundary case", found.without_boundary),
-        ):
-            typer.echo(f"without a {label}: {', '.join(lacking) or 'none'} ({len(lacking)} of {found.rules})")
+        for line in found.lines():
+            typer.echo(line)
     if missing:
         _print_missing(loaded, vocabulary, ids, cases)
     if failed or not complete:

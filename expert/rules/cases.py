@@ -11,11 +11,11 @@ from typing import Any
 from pydantic import Field
 
 from expert.facts import Fact, FieldInfo, Severity, Vocabulary
-from expert.firing import Engine, Firing
+from expert.firing import Engine, Firing, ResolvedAction
 from expert.rules.layers import Merged
 from expert.rules.load import LoadedRules
-from expert.rules.margin import Judge, has_boundary
-from expert.rules.model import Model, Rule, Scalar
+from expert.rules.margin import Judge
+from expert.rules.model import Action, Model, Rule, Scalar
 from expert.rules.problem import Problem, RuleFileError, suggest
 from expert.rules.reader import Document, read_document
 from expert.rules.shape import Layer, validate
@@ -195,6 +195,16 @@ def facts_of(case: Case) -> frozenset[Fact]:
 _KINDS = ("choose", "repair", "exclude", "derive", "assess", "measure", "set", "adjust")
 
 
+def meets(expected: Expected, action: Action, resolved: ResolvedAction) -> bool:
+    """Say whether an action of a firing is the one that a case expects, with the values it expects."""
+    if getattr(expected, resolved.kind) != getattr(action, resolved.kind):
+        return False
+    values = dict(resolved.values)
+    others = all(getattr(expected, name) in (None, getattr(action, name, None)) for name in ("parameter", "severity"))
+    wanted: Mapping[str, Scalar] = expected.with_ if expected.to is None else {"to": expected.to}
+    return others and all(_close(values.get(name), value) for name, value in wanted.items())
+
+
 def _unmet(expected: Expected, rule: Rule, firings: Sequence[Firing]) -> str:
     """Say what an expectation misses in the firings; empty when it is met."""
     got: list[str] = []
@@ -203,13 +213,7 @@ def _unmet(expected: Expected, rule: Rule, firings: Sequence[Firing]) -> str:
             action: Any = rule.then[resolved.index]
             values = dict(resolved.values)
             got.append(f"{resolved.kind} {getattr(action, resolved.kind)} {values or ''}".strip())
-            if getattr(expected, resolved.kind) != getattr(action, resolved.kind):
-                continue
-            others = all(
-                getattr(expected, name) in (None, getattr(action, name, None)) for name in ("parameter", "severity")
-            )
-            wanted: Mapping[str, Scalar] = expected.with_ if expected.to is None else {"to": expected.to}
-            if others and all(_close(values.get(name), value) for name, value in wanted.items()):
+            if meets(expected, action, resolved):
                 return ""
     wish = ", ".join(
         f"{name} {value}" for name, value in expected.model_dump(by_alias=True, exclude_defaults=True).items()
@@ -265,38 +269,3 @@ def run_cases(
         if file.rule in loaded.merged.rules
         for index in range(len(file.cases))
     ]
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Rules that lack a kind of case."""
-
-    rules: int
-    without_firing: tuple[str, ...]
-    without_quiet: tuple[str, ...]
-    without_boundary: tuple[str, ...]
-
-    @property
-    def complete(self) -> bool:
-        """Whether nothing is missing."""
-        return not (self.without_firing or self.without_quiet or self.without_boundary)
-
-
-def coverage(
-    loaded: LoadedRules, results: Iterable[CaseResult], vocabulary: Vocabulary, ids: Iterable[str] | None = None
-) -> Coverage:
-    """Say which rules lack a firing case, a quiet one, or one at a threshold (where they compare numbers at all)."""
-    passed = [item for item in results if item.passed]
-    wanted = None if ids is None else set(ids)
-    rules = sorted(
-        (rule for rule in loaded.base.rules if wanted is None or rule.id in wanted), key=lambda rule: rule.id
-    )
-    firing = {item.rule for item in passed if item.fired}
-    quiet = {item.rule for item in passed if not item.fired}
-    boundary = {item.rule for item in passed if item.boundary}
-    return Coverage(
-        len(rules),
-        tuple(rule.id for rule in rules if rule.id not in firing),
-        tuple(rule.id for rule in rules if rule.id not in quiet),
-        tuple(rule.id for rule in rules if rule.id not in boundary and has_boundary(rule, vocabulary)),
-    )

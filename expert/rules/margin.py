@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from expert.facts import Fact, Scalar, Vocabulary
 from expert.rules.checks.context import walk
-from expert.rules.evaluate import Bindings, Evaluator, matches_finding
+from expert.rules.evaluate import Bindings, Evaluator, matches_finding, operand_aliases
 from expert.rules.explain import condition_text
 from expert.rules.model import (
     AnyOf,
@@ -132,6 +132,21 @@ class Judge:
                 found += [self._deciding(item, bindings) for item in rule.when]
         near = [item for item in found if item.margin is not None]
         return min(near, key=lambda item: item.margin or 0.0, default=found[0] if found else None)
+
+    def outcomes(self, rule: Rule) -> Iterator[tuple[int, bool]]:
+        """Yield what every condition comes to, by its place in `walk`, under every binding of the rule's facts.
+
+        A condition on a fact that is bound only beside it, inside `exists` and the like, says nothing alone: left out.
+        """
+        found = list(walk(rule))
+        present = {fact.template for fact in self._facts}
+        top = [item for item, _, depth in found if depth == 0 and isinstance(item, Comparison) and item.fact in present]
+        names = {item.name for item, _, depth in found if depth == 0 and isinstance(item, Comparison)}
+        for bindings in self._bindings(top, {}):
+            for index, (item, _, _) in enumerate(found):
+                if isinstance(item, Comparison) and not operand_aliases(item.value) <= {*names, item.name}:
+                    continue
+                yield index, self._some([item], bindings)
 
     def at_boundary(self, rule: Rule) -> bool:
         """Say whether some comparison of the rule is exactly at its limit."""

@@ -104,6 +104,9 @@ def _condition_changes(
     if "finding" in condition:
         yield (*path, "finding"), condition["finding"] + "-x", "another finding"
         yield path, {"not": condition}, "negated"
+        for least in SEVERITIES:
+            if least != condition.get("at_least", SEVERITIES[0]):
+                yield (*path, "at_least"), least, f"at least {least}"
     if "fact" in condition and "op" in condition:
         for other in OTHER_OPS.get(condition["op"], ()):
             yield (*path, "op"), other, f"{condition['op']} to {other}"

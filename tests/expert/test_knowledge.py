@@ -11,8 +11,9 @@ from mutation import survivors
 
 from expert.engine import ENGINES, make_engine
 from expert.facts import Vocabulary, vocabulary
-from expert.rules.cases import case_directory, coverage, read_cases, run_cases
+from expert.rules.cases import case_directory, read_cases, run_cases
 from expert.rules.check import check_rules
+from expert.rules.coverage import coverage
 from expert.rules.load import LoadedRules, load_rules, shipped_file
 from expert.rules.margin import has_boundary
 from modules.catalog import operators, probes
@@ -37,9 +38,11 @@ def test_every_shipped_case_passes(engine, loaded, words):
     assert not [str(result) for result in results if not result.passed]
 
 
-def test_every_shipped_rule_has_a_firing_a_quiet_and_a_boundary_case(loaded, words):
-    found = coverage(loaded, run_cases(loaded, make_engine("compiled", words), words), words)
-    assert found.complete, found
+def test_the_cases_exercise_every_rule_condition_and_action(loaded, words):
+    engine = make_engine("compiled", words)
+    files, _ = read_cases(loaded.merged, words)
+    found = coverage(loaded, engine, run_cases(loaded, engine, words), files, words)
+    assert found.complete, "\n".join(found.lines())
 
 
 def test_every_shipped_rule_has_at_least_three_cases(loaded, words):

@@ -76,7 +76,7 @@ def cases(tmp_path):
     folder = tmp_path / "cases"
     folder.mkdir()
     (folder / "COR901.yaml").write_text(
-        "- {name: fast, facts: [{fact: task, profile: fast}], fires: true}\n"
+        "- {name: fast, facts: [{fact: task, profile: fast}], fires: true, expect: {derive: slow}}\n"
         "- {name: best, facts: [{fact: task, profile: best}], fires: false}\n"
     )
     return folder

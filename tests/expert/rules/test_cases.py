@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from expert.engine import make_engine
-from expert.rules.cases import coverage, run_cases
+from expert.rules.cases import read_cases, run_cases
+from expert.rules.coverage import coverage
 from expert.rules.problem import RuleFileError
 
 CASES = Path(__file__).parent / "cases"
@@ -22,7 +23,7 @@ def run(load, good_text, words):
 
 def test_cases_of_a_sound_rule_pass(run):
     _, results = run(CASES)
-    assert len(results) == 5
+    assert len(results) == 7
     assert all(result.passed for result in results), [str(result) for result in results]
 
 
@@ -54,15 +55,45 @@ def test_an_expected_value_that_differs_is_shown_with_what_came_out(run, tmp_pat
     assert "strength': 0.2" in results[0].message
 
 
-def test_coverage_names_the_rules_without_a_kind_of_case(run, words, tmp_path):
-    loaded, results = run(CASES)
-    assert coverage(loaded, results, words).complete
+@pytest.fixture
+def covered(run, words):
+    def covered_in(directory, text=None):
+        loaded, results = run(directory) if text is None else run(directory, text)
+        files, _ = read_cases(loaded.merged, words, directory)
+        return coverage(loaded, make_engine("compiled", words), results, files, words)
+
+    return covered_in
+
+
+def test_coverage_names_the_rules_without_a_kind_of_case(covered, tmp_path):
+    assert covered(CASES).complete
     (tmp_path / "COR002.yaml").write_text("- {name: nothing, facts: [], fires: false}\n")
-    loaded, results = run(tmp_path)
-    found = coverage(loaded, results, words)
+    found = covered(tmp_path)
     assert found.without_firing == ("COR001", "COR002")
     assert found.without_quiet == ("COR001",)
     assert found.without_boundary == ("COR001", "COR002")
+
+
+def test_coverage_names_conditions_and_actions_that_no_case_exercises(covered, tmp_path):
+    for name in ("COR001", "COR002"):
+        (tmp_path / f"{name}.yaml").write_text((CASES / f"{name}.yaml").read_text())
+    (tmp_path / "COR002.yaml").write_text(
+        "- name: fires\n  facts: [{fact: brightness, offset_dn: 20, clipped_fraction: 0.01}]\n"
+        "  findings: [{finding: exposure-differs, severity: major}]\n  fires: true\n"
+        "- {name: no finding, facts: [{fact: brightness, offset_dn: 20, clipped_fraction: 0.05}], fires: false}\n"
+    )
+    found = covered(tmp_path)
+    assert found.never_true == ("COR002: the clipped_fraction of brightness is above 0.05",)
+    assert found.never_false == (
+        "COR002: there is a fact brightness",
+        "COR002: it is not so that the clipped_fraction of brightness is above 0.05",
+    )
+    (action,) = found.never_expected
+    assert action.startswith("COR002: choose correction.match_histograms with channels gray, strength clamp(")
+    lines = list(found.lines())
+    assert "conditions that no case makes true: 1 of 5" in lines
+    assert "actions that no case expects: 1 of 2" in lines
+    assert not found.complete
 
 
 def test_faulty_cases_are_reported_with_their_place(run, tmp_path):
