@@ -5,6 +5,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python3.10; 
 VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
+PYTHONS ?= python3.10 python3.11 python3.12 python3.13
 PATHS := expert modules knowledge tests examples benchmarks
 
 # The stamp carries a hash of what the environment is made of, so that a changed lock file renews it.
@@ -55,6 +56,18 @@ property: $(STAMP)  ## Run the property tests with many more examples, drawn ane
 property-engines: $(STAMP)  ## Compare experta, compiled and CLIPS on 20 000 random rule bases, and the literal semantics on half as many
 	@TERREX_CASES=20000 HYPOTHESIS_PROFILE=thorough $(BIN)/pytest -s --no-header tests/expert/engine/test_agreement.py
 
+.PHONY: versions
+versions:  ## Compare decisions on recorded facts over the supported Pythons that are installed (environments in build/)
+	@mkdir -p build; for python in $(PYTHONS); do \
+		$$python -c '' 2>/dev/null || { echo "$$python is not installed and was left out"; continue; }; \
+		env=build/versions/$$($$python -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
+		test -x $$env/done || { $$python -m venv --clear $$env && $$env/bin/python -m pip install -qq \
+			--disable-pip-version-check --require-hashes -r requirements.lock && ln -s bin/python $$env/done; } || exit 1; \
+		PYTHONPATH=. $$env/bin/python tests/expert/engine/determinism.py tests/expert/engine/recorded/*.json > $$env.txt || exit 1; \
+		echo "$$env"; cat $$env.txt; done; \
+	test $$(cat build/versions/*.txt | sort -u | wc -l) = $$(cat $$(ls build/versions/*.txt | head -1) | wc -l) \
+		|| { echo 'the Pythons disagree'; exit 1; }
+
 bench: $(STAMP)  ## Measure accuracy and the share of time per pair, and the elevation error on rendered terrain
 	@$(BIN)/python -m benchmarks
 	@$(BIN)/python -m benchmarks.terrain --seeds 3 --distortions clean
@@ -84,8 +97,9 @@ build/pandora/bin/pandora:
 	@mkdir -p build && $(PYTHON) -m venv build/pandora
 	@build/pandora/bin/python -m pip install -qq --disable-pip-version-check pandora==1.9.0 pandora-plugin-libsgm==1.5.8
 
-bench-inference: $(STAMP)  ## Measure inference: shipped rules and generated rule bases, both engines
+bench-inference: $(STAMP)  ## Measure inference: shipped and generated rules, experta, compiled and CLIPS; growth over 10 000 pairs
 	@$(BIN)/python -m benchmarks.inference
+	@$(BIN)/python -m benchmarks.inference --memory
 
 .PHONY: bench-rules
 bench-rules: $(STAMP)  ## Measure the time to check rule files of 100 and 1000 rules

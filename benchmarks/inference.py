@@ -1,25 +1,42 @@
-"""Measure the time of one inference: `python -m benchmarks.inference`.
+"""Measure inference: `python -m benchmarks.inference`, or `make bench-inference`.
 
-The shipped rules, stage by stage, and generated rule bases of 50, 200 and 1000 rules, with both engines. Building is
-timed apart, because an engine builds once per rule base and stage and then serves any number of pairs. Times are CPU
-times of this process, the median over the pairs.
+In one run, taken in turn: the shipped rules on recorded pairs, all stages as the loop asks for them, and generated
+rule bases of 50, 200 and 1000 rules; by experta, by the compiled engine and, for the generated ones, by CLIPS. Building
+is reported apart, because an engine builds once per rule base and stage and then serves any number of pairs. Times are
+CPU times of this process, medians.
+
+`--memory` instead infers 10 000 pairs with each engine and reports by how much the process grows.
 """
 
 from __future__ import annotations
 
 import argparse
 import gc
+import os
 import random
+import resource
+import statistics
+import sys
 import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from benchmarks.clips_engine import ClipsEngine
+from benchmarks.pairs import development_pairs, rendered_pair
+from expert import ExpertSystem
 from expert.engine import ENGINES, make_engine
-from expert.facts import Fact, FieldInfo, TemplateInfo, Vocabulary, vocabulary
-from expert.rules.model import STAGES, RuleBase, Stage
+from expert.facts import Fact, FieldInfo, TemplateInfo, Vocabulary
+from expert.firing import Firings
+from expert.rules.model import RuleBase, Stage
 
 TEMPLATES = 20
 FIELDS = 6
 SIZES = (50, 200, 1000)
+TARGETS_MS = {"experta": 12.0, "compiled": 1.5}  # shipped rules, all stages of one pair
+MEMORY_PAIRS = 10_000
 
 
 def generated_vocabulary() -> Vocabulary:
@@ -63,74 +80,177 @@ def generated_facts(seed: int) -> list[Fact]:
     ]
 
 
-def measure(rules: RuleBase, stage: Stage, vocabulary: Vocabulary, facts: list[list[Fact]]) -> list[str]:
-    """Return one line per engine: firings, time to build and to infer the first time, median time of the others."""
-    lines = []
-    for name in ENGINES:
-        engine = make_engine(name, vocabulary)
-        gc.collect()  # what the engine before has left is not this one's to clear
+@dataclass(frozen=True)
+class Call:
+    """One inference that the loop asked for."""
+
+    stage: Stage
+    facts: tuple[Fact, ...]
+
+
+class Recording:
+    """An engine that notes what it is asked."""
+
+    name = "recording"
+
+    def __init__(self, system: ExpertSystem) -> None:
+        self.calls: list[Call] = []
+        self._engine = system._knowledge.engine
+
+    def infer(self, rules: RuleBase, stage: Stage, facts: Iterable[Fact]) -> Firings:
+        """Note the call and answer it."""
+        given = tuple(facts)
+        self.calls.append(Call(stage, given))
+        return self._engine.infer(rules, stage, given)
+
+
+def recorded_pairs() -> tuple[RuleBase, Vocabulary, dict[str, list[Call]]]:
+    """Reconstruct some pairs and return what the loop asked the engine about each."""
+    system = ExpertSystem(engine="compiled")
+    scored = [rendered_pair()]
+    if data := os.environ.get("TERREX_DATA"):
+        scored += list(development_pairs(Path(data)))[:3]
+    recording = Recording(system)
+    system._knowledge = replace(system._knowledge, engine=recording)
+    found = {}
+    for item in scored:
+        recording.calls = found[item.pair.name] = []
+        system.reconstruct(item.pair)
+    return system.rule_base, system._knowledge.words, found
+
+
+def timed(work: Callable[..., Any], *arguments: Any) -> float:
+    """Return the CPU time of some work in ms."""
+    start = time.process_time()
+    work(*arguments)
+    return 1e3 * (time.process_time() - start)
+
+
+def shipped(rounds: int) -> None:
+    """Print the time of all inferences of one pair, shipped rules."""
+    rules, words, pairs = recorded_pairs()
+    print(f"shipped rules, {len(rules.rules)} of them; all inferences of one pair together, median of {rounds}")
+    for name, calls in pairs.items():
+        engines = {engine: make_engine(engine, words) for engine in ENGINES}
+        first = {engine: timed(_all, made, rules, _renewed(calls)) for engine, made in engines.items()}
+        times: dict[str, list[float]] = {engine: [] for engine in engines}
+        gc.collect()
+        for _ in range(rounds):
+            for engine, made in engines.items():
+                times[engine].append(timed(_all, made, rules, _renewed(calls)))
+        for engine in engines:
+            print(
+                f"  {name:24} {engine:9} {len(calls)} inferences  first {first[engine]:8.2f} ms  "
+                f"then {statistics.median(times[engine]):7.3f} ms  (target {TARGETS_MS[engine]:g})"
+            )
+
+
+def _renewed(calls: list[Call]) -> list[Call]:
+    """Return the calls with new facts, as a new pair brings them: nothing computed for another pair helps."""
+    known = {fact: Fact(fact.template, fact.fields) for call in calls for fact in call.facts}
+    return [Call(call.stage, tuple(known[fact] for fact in call.facts)) for call in calls]
+
+
+def _all(engine: Any, rules: RuleBase, calls: list[Call]) -> None:
+    for call in calls:
+        engine.infer(rules, call.stage, call.facts)
+
+
+def generated(rounds: int) -> None:
+    """Print the time of one inference over generated rules, three engines in turn."""
+    words = generated_vocabulary()
+    for size in SIZES:
+        rules = generated_rules(size)
+        engines: dict[str, Any] = {name: make_engine(name, words) for name in ENGINES}
+        first = {name: timed(made.infer, rules, "correction", generated_facts(0)) for name, made in engines.items()}
         start = time.process_time()
-        fired = len(engine.infer(rules, stage, facts[0]).firings)
-        first = time.process_time() - start
-        times = []
-        for each in facts:
-            start = time.process_time()
-            engine.infer(rules, stage, each)
-            times.append(time.process_time() - start)
-        median = sorted(times)[len(times) // 2]
-        lines.append(f"{name:10}{fired:8d} firings  first {1e3 * first:9.2f} ms  then {1e3 * median:9.3f} ms")
-    return lines
+        clips = ClipsEngine(words, rules, "correction")
+        clips.infer(generated_facts(0))
+        first["clips"] = 1e3 * (time.process_time() - start)
+        times: dict[str, list[float]] = {name: [] for name in first}
+        fired = 0
+        gc.collect()
+        for seed in range(rounds):
+            facts = generated_facts(seed)
+            for name, made in engines.items():
+                fresh = [Fact(fact.template, fact.fields) for fact in facts]
+                times[name].append(timed(made.infer, rules, "correction", fresh))
+            times["clips"].append(timed(clips.infer, facts))
+            fired = len(engines["compiled"].infer(rules, "correction", facts).firings)
+        with _silent():  # of facts that clipspy never frees, CLIPS complains when it ends
+            del clips
+        print(f"generated, {size} rules, {fired} firings, median of {rounds}")
+        for name in times:
+            print(f"  {name:9} first {first[name]:8.2f} ms  then {statistics.median(times[name]):7.3f} ms")
 
 
-def shipped() -> tuple[RuleBase, Vocabulary] | None:
-    """Return the shipped rules, if they can be loaded."""
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Send what libraries print past Python to nowhere."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
     try:
-        from expert.rules.load import load_rules
-        from modules.catalog import operators, probes
-    except ImportError:
-        return None
-    words = vocabulary(probes().values())
-    return load_rules(None, words, operators(), probes()).base, words
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def memory(pairs: int) -> None:
+    """Print by how much the process grows over many pairs, each with facts of its own."""
+    rules, words, recorded = recorded_pairs()
+    calls = next(iter(recorded.values()))
+    for name in ENGINES:
+        engine = make_engine(name, words)
+        for seed in range(200):  # until caches and pools have their size
+            _infer_varied(engine, rules, calls, seed)
+        gc.collect()
+        before, blocks = _resident_kb(), len(gc.get_objects())
+        for seed in range(pairs):
+            _infer_varied(engine, rules, calls, seed)
+        gc.collect()
+        print(
+            f"{name:9} {pairs} pairs: {_resident_kb() - before:+d} kB resident, "
+            f"{len(gc.get_objects()) - blocks:+d} objects"
+        )
+
+
+def _infer_varied(engine: Any, rules: RuleBase, calls: list[Call], seed: int) -> None:
+    """Infer the calls of a pair with every number changed a little, so that no two pairs are alike."""
+    source = random.Random(seed)
+    factor = 1.0 + 0.2 * source.random()
+    for call in calls:
+        varied = [Fact(fact.template, tuple(_scaled(fact, factor))) for fact in call.facts]
+        engine.infer(rules, call.stage, varied)
+
+
+def _scaled(fact: Fact, factor: float) -> Iterable[tuple[str, Any]]:
+    for name, value in fact.fields:
+        yield name, round(value * factor, 4) if isinstance(value, float) else value
+
+
+def _resident_kb() -> int:
+    status = Path("/proc/self/status")
+    if status.is_file():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmRSS"))
+        return int(line.split()[1])
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def main() -> None:
-    """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=int, default=10, help="number of fact sets to infer from")
+    """Print tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=30, help="repetitions, engines taken in turn")
+    parser.add_argument("--memory", action="store_true", help=f"growth over {MEMORY_PAIRS} pairs instead of times")
+    parser.add_argument("--pairs", type=int, default=MEMORY_PAIRS, help="pairs for --memory")
     options = parser.parse_args()
-    facts = [generated_facts(seed) for seed in range(options.pairs)]
-    for size in SIZES:
-        print(f"generated, {size} rules")
-        print("\n".join(measure(generated_rules(size), "correction", generated_vocabulary(), facts)))
-    found = shipped()
-    if found is None:
-        print("shipped rules: none can be loaded")
-        return
-    rules, words = found
-    for stage in STAGES:
-        print(f"shipped, {stage}, {len(rules.of_stage(stage))} rules")
-        print("\n".join(measure(rules, stage, words, [plausible_facts(words, seed) for seed in range(options.pairs)])))
-
-
-def plausible_facts(words: Vocabulary, seed: int) -> list[Fact]:
-    """Return one fact per template, every field within its range."""
-    source = random.Random(seed)
-
-    def value(info: FieldInfo) -> Any:
-        if info.kind == "boolean":
-            return source.random() < 0.5
-        if info.kind == "text":
-            return source.choice(info.choices or ("none",))
-        low, high = info.ge if info.ge is not None else -100.0, info.le if info.le is not None else 100.0
-        number = source.uniform(low, max(low, high))
-        return int(number) if info.kind == "integer" else number
-
-    templates = sorted(words.values(), key=lambda info: info.name)
-    return [
-        Fact.of(info.name, **{name: value(field) for name, field in info.fields.items()})
-        for info in templates
-        if info.name != "finding"
-    ]
+    if options.memory:
+        memory(options.pairs)
+    else:
+        generated(options.rounds)
+        shipped(options.rounds)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,10 @@ OPTIONAL_PACKAGES = ("numba",)
 class ExpertSystem:
     """A stereo expert: shipped knowledge, rule files layered on top, an engine.
 
-    One object serves any number of pairs, one after another or from several threads; nothing of a pair is kept.
+    One object serves any number of pairs, one after another or from several threads; nothing of a pair is kept. Threads
+    share its engine: experta infers for one of them at a time, `compiled` for all at once. Processes make one each,
+    under the start method `spawn`: image libraries may hang after `fork`. Decisions travel between processes, systems
+    do not.
 
     Parameters
     ----------

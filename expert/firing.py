@@ -23,7 +23,7 @@ class ResolvedAction:
     kind : str
         derive, measure, choose, exclude, set, assess, adjust or repair.
     values : tuple of (name, value)
-        Values of its operands in the order they are written: the parameters of choose and repair, `to` of set.
+        Values of its operands by name: the parameters of choose and repair, `to` of set.
     """
 
     index: int

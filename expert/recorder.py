@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from expert.decision import ActionRecord, FactRecord, FiringRecord, ImageRecord, InputsRecord
-from expert.facts import Fact, Vocabulary
+from expert.decision import ActionRecord, FactRecord, FindingRecord, FiringRecord, ImageRecord, InputsRecord
+from expert.facts import SEVERITIES, Fact, Vocabulary
 from expert.firing import Firing, Firings
 from expert.margins import MarginReader
 from expert.pair import StereoPair
+from expert.rules.evaluate import finding_of
 from expert.rules.explain import action_text
-from expert.rules.model import Rule, RuleBase, Stage
+from expert.rules.model import STAGES, Rule, RuleBase, Stage
 from modules.types import Disparity, ElevationMap
 
 
@@ -70,6 +71,32 @@ def _actions(base: RuleBase, rule: Rule, firing: Firing) -> tuple[ActionRecord, 
         )
         for action in firing.actions
     )
+
+
+def finding_records(base: RuleBase, concluded: Mapping[Stage, Firings]) -> list[FindingRecord]:
+    """Return the findings that rules derived, each with the rules and the stage it was first derived in."""
+    rules = {rule.id: rule for rule in base.rules}
+    sources: dict[tuple[str, str], list[tuple[Stage, str]]] = {}
+    for stage, result in concluded.items():
+        for firing in result.firings:
+            for finding in filter(None, map(finding_of, rules[firing.rule].then)):
+                key = str(finding.get("name")), str(finding.get("severity"))
+                sources.setdefault(key, []).append((stage, firing.rule))
+    return [
+        FindingRecord(
+            name=name,
+            severity=severity,
+            sentence=base.findings.get(name, name),
+            rules=tuple(sorted({rule for _, rule in where})),
+            stage=where[0][0],
+        )
+        for (name, severity), where in sources.items()
+    ]
+
+
+def finding_rank(record: FindingRecord) -> tuple[int, int, str]:
+    """Return a key that puts the most severe findings first, then those of earlier stages."""
+    return -SEVERITIES.index(record.severity), STAGES.index(record.stage), record.name
 
 
 def inputs_record(pair: StereoPair) -> InputsRecord:

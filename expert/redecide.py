@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from expert.decision import Decision
+from expert.explain.record import fact_of
 from expert.explain.replan import Outcome, Replan
+from expert.facts import vocabulary
 from expert.firing import Engine, RunawayRuleBase
 from expert.plan import NONE, PlanError, StagePlan, Step
+from expert.recorder import finding_rank, finding_records, firing_records
 from expert.rules.load import KnownRules
+from modules.catalog import probes
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,35 @@ def redecide(file: str, decision: Decision, old: KnownRules, new: KnownRules, en
     unknown = tuple(sorted(name for name in after.asked - before.asked if name not in measured))
     changes = (*plan_changes(before.plans, after.plans), *finding_changes(before.findings, after.findings))
     return Redecision(file, decision.pair, changes, unknown)
+
+
+def redecided(decision: Decision, rules: KnownRules, engine: Engine) -> Decision:
+    """Return the record that the recorded facts give; with the rules of the record it has the same canonical core.
+
+    Raises
+    ------
+    PlanError
+        The facts give a parameter outside its range.
+    RunawayRuleBase
+        There are more firings than the cap allows.
+    """
+    outcome = Replan(decision, rules, engine).run()
+    words = vocabulary(probes().values())
+    probe_of = {fact_of(record): record.probe for record in decision.facts}
+    failures = [finding for finding in decision.findings if not finding.rules]
+    findings = sorted([*finding_records(rules.base, outcome.concluded), *failures], key=finding_rank)
+    firings = [
+        record
+        for stage, result in outcome.concluded.items()
+        for record in firing_records(rules.base, stage, result, probe_of, words)
+    ]
+    made = {
+        "rules_digest": rules.digest,
+        "firings": tuple(firings),
+        "findings": tuple(findings),
+        "plans": dict(outcome.plans),
+    }
+    return decision.model_copy(update=made)
 
 
 def _outcome(decision: Decision, rules: KnownRules, engine: Engine) -> Outcome | str:

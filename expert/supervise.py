@@ -15,13 +15,13 @@ from functools import cached_property
 from typing import Any
 
 from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
-from expert.facts import SEVERITIES, Fact, Failure, Planned, Vocabulary, to_fact, vocabulary
+from expert.facts import Fact, Failure, Planned, Vocabulary, to_fact, vocabulary
 from expert.facts import Trial as TrialFact
 from expert.firing import Engine, Firings
 from expert.plan import NONE, Directives, StagePlan, StepFailed, adjustments, execute, proposals, settle
-from expert.recorder import fact_record, firing_records
+from expert.recorder import fact_record, finding_rank, finding_records, firing_records
 from expert.rules.load import LoadedRules
-from expert.rules.model import STAGES, Assess, Derive, Measure, Repair, Rule, Stage
+from expert.rules.model import STAGES, Measure, Repair, Rule, Stage
 from modules.measurement.sample import Sample
 from modules.operator import Operator, OperatorError
 from modules.probe import FactModel, Probe, Subject
@@ -315,25 +315,8 @@ class Run:
 
     def findings(self) -> tuple[FindingRecord, ...]:
         """Return the findings, the most severe first."""
-        sources: dict[tuple[str, str], list[tuple[Stage, str]]] = {}
-        for stage, result in self.concluded.items():
-            for firing in result.firings:
-                for action in self._rules[firing.rule].then:
-                    if isinstance(action, Derive | Assess):
-                        name = action.derive if isinstance(action, Derive) else action.assess
-                        sources.setdefault((name, action.severity), []).append((stage, firing.rule))
-        declared = self.knowledge.rules.base.findings
-        records = [
-            FindingRecord(
-                name=name,
-                severity=severity,
-                sentence=declared.get(name, name),
-                rules=tuple(sorted({rule for _, rule in where})),
-                stage=where[0][0],
-            )
-            for (name, severity), where in sources.items()
-        ]
-        return tuple(sorted([*records, *self._failures()], key=_finding_rank))
+        derived = finding_records(self.knowledge.rules.base, self.concluded)
+        return tuple(sorted([*derived, *self._failures()], key=finding_rank))
 
     def _failures(self) -> list[FindingRecord]:
         """Return a finding per operator that failed: minor where another one fills its slot, else major."""
@@ -388,10 +371,6 @@ def _trial_facts(stage: Stage, number: int, failed: frozenset[str]) -> dict[Fact
 
 def _planned(plan: StagePlan) -> list[Planned]:
     return [Planned(slot=f"{plan.stage}.{step.slot}", operator=step.operator) for step in plan.steps]
-
-
-def _finding_rank(record: FindingRecord) -> tuple[int, int, str]:
-    return -SEVERITIES.index(record.severity), STAGES.index(record.stage), record.name
 
 
 def _trial_record(stage: Stage, attempt: Attempt, answer: str, words: Vocabulary) -> TrialRecord:

@@ -64,6 +64,7 @@ class Outcome:
     fired: frozenset[str] = frozenset()
     asked: frozenset[str] = frozenset()  # dearer probes
     repairs: frozenset[str] = frozenset()  # what the assessment of the products asks of the next trial
+    concluded: dict[Stage, Firings] = field(default_factory=dict)
 
 
 class Replan:
@@ -135,6 +136,7 @@ class Replan:
             frozenset(course.fired),
             frozenset(course.asked),
             frozenset(course.repairs),
+            course.concluded,
         )
 
     def asked(self, result: Firings) -> set[str]:
@@ -188,6 +190,7 @@ class _Course:
             if not any(item.applies(fact) for fact in replan.facts):
                 self.facts.add(Fact.of(item.template, **{**dict(item.where), item.field: item.value}))
         self.plans: dict[Stage, StagePlan] = {}
+        self.concluded: dict[Stage, Firings] = {}
         self.findings: set[tuple[str, str]] = set()
         self.fired: set[str] = set()
         self.asked: set[str] = set()
@@ -226,7 +229,7 @@ class _Course:
         """Infer and settle one stage, and assess its product where the record has one."""
         replan = self.replan
         if stage == "measurement":
-            self.conclude(self.infer(stage))
+            self.conclude(stage, self.infer(stage))
             return
         directives, failed = self.wishes(stage)
         if self.wanted is not None and stage in ("correction", "matching"):
@@ -242,7 +245,7 @@ class _Course:
             result = self.infer(stage, [*extra, *product])
             self.repairs |= _wishes(replan.directives(Directives(), result))
         self.plans[stage] = plan
-        self.conclude(result)
+        self.conclude(stage, result)
         self.facts.update([*product, *planned_facts(plan)])
 
     def wishes(self, stage: Stage) -> tuple[Directives, frozenset[str]]:
@@ -262,7 +265,8 @@ class _Course:
             directives = self.replan.directives(directives, self.infer(stage, [*extra, *found]))
         return directives, failed
 
-    def conclude(self, result: Firings) -> None:
+    def conclude(self, stage: Stage, result: Firings) -> None:
+        self.concluded[stage] = result
         for fact in result.facts:
             if fact.template == "finding":
                 self.facts.add(fact)

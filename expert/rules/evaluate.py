@@ -151,7 +151,7 @@ class Evaluator:
         elif isinstance(action, Set):
             operands = {"to": action.to}
         values = []
-        for name, operand in operands.items():
+        for name, operand in sorted(operands.items()):
             value = resolve(operand, bindings, self._thresholds)
             if value is None:
                 return None

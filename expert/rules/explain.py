@@ -126,7 +126,7 @@ def condition_text(
 
 
 def _with_text(action: Choose | Repair, thresholds: Mapping[str, Threshold] | None) -> str:
-    parts = [f"{name} {operand_text(value, '', thresholds)}" for name, value in action.with_.items()]
+    parts = [f"{name} {operand_text(value, '', thresholds)}" for name, value in sorted(action.with_.items())]
     return f" with {', '.join(parts)}" if parts else ""
 
 

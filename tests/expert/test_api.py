@@ -5,7 +5,9 @@ import os
 import subprocess
 import sys
 import threading
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -365,3 +367,15 @@ def test_importing_compiles_nothing() -> None:
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
     )
     assert ended.stdout.strip() == "[]"
+
+
+def decided_elsewhere(seed: int) -> Decision:
+    return ExpertSystem(engine="compiled").decide(shifted_pair(seed))
+
+
+def test_spawned_processes_decide_the_same_and_send_their_decisions_back() -> None:
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        found = list(pool.map(decided_elsewhere, (1, 2)))
+    system = ExpertSystem()
+    assert [decision.core() for decision in found] == [system.decide(shifted_pair(seed)).core() for seed in (1, 2)]
+    assert found[0].why_not("matching.block_match").name == "matching.block_match"

@@ -6,15 +6,18 @@ import pytest
 from synthetic_pairs import shifted_pair
 from typer.testing import CliRunner
 
+from expert import ExpertSystem
 from expert.cli.rules import app
 from expert.decision import Decision
-from expert.engine import make_engine
+from expert.engine import ENGINES, make_engine
+from expert.explain import rules_of
 from expert.facts import Fact, vocabulary
 from expert.recorder import inputs_record
-from expert.redecide import read_records, redecide
+from expert.redecide import read_records, redecide, redecided
 from expert.rules.load import load_rules
 from expert.supervise import Knowledge, Run
 from modules.catalog import operators, probes
+from modules.types import Calibration
 
 RULES = """version: 1
 thresholds: {exposure_dn: {value: 6.0, unit: dn, because: a test}}
@@ -165,3 +168,11 @@ def test_a_layer_is_compared_with_the_shipped_rules_and_a_folder_without_records
     assert result.output.startswith("removed  rule COR016: In correction, when ")
     assert invoke("diff", "shipped", rig, "--records", tmp_path).exit_code == 2
     assert invoke("diff", "shipped", tmp_path / "none.yaml").exit_code == 2
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_the_recorded_facts_give_the_same_core_again(name):
+    pair = shifted_pair(calibration=Calibration(200.0, 80.0, 60.0, 0.1, 160, 120))
+    for made in (ExpertSystem(engine=name).decide(pair), ExpertSystem(profile="fast").reconstruct(pair).decision):
+        again = redecided(made, rules_of(made), make_engine(name, WORDS))
+        assert again.core() == made.core()
