@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from threading import Lock
 
 from expert.engine.alpha import Alpha, Alphas
@@ -107,18 +108,29 @@ class Conjunction:
         self.closed = tuple(_test(item, scope, alphas, evaluator) for item in closed)
         self._open = tuple(_test(item, scope, alphas, evaluator) for item in tests if item not in closed)
         self._joins = _by_level(joins, names, outer, evaluator)
+        self._names = names
+        self.free = not self._open and not any(self._joins)  # its aliases do not depend on each other
 
     def possible(self, memory: Memory) -> bool:
         """Say whether some fact may be bound to every alias, and the tests hold that speak of none."""
         for _, alpha in self.aliases:
             if not memory.admitted(alpha):
                 return False
-        return all(test({}, memory) for test in self.closed)
+        for test in self.closed:  # noqa: SIM110 - a generator would double the time
+            if not test({}, memory):
+                return False
+        return True
 
     def solutions(self, bindings: Mapping[str, Fact], memory: Memory) -> Iterator[dict[str, Fact]]:
         """Yield every extension of the bindings that satisfies the conditions."""
+        if not self.possible(memory):
+            return
+        if self.free:
+            for facts in product(*(memory.admitted(alpha) for _, alpha in self.aliases)):
+                yield {**bindings, **dict(zip(self._names, facts, strict=True))}
+            return
         found = dict(bindings)
-        if self.possible(memory) and all(check(found) for check in self._joins[0]):
+        if all(check(found) for check in self._joins[0]):
             yield from self._extend(found, memory, 0)
 
     def _extend(self, found: dict[str, Fact], memory: Memory, level: int) -> Iterator[dict[str, Fact]]:
@@ -139,7 +151,7 @@ class Conjunction:
 
     def holds(self, bindings: dict[str, Fact], memory: Memory) -> bool:
         """Say whether some extension of the bindings satisfies the conditions."""
-        if not self._open and not any(self._joins):
+        if self.free:
             return self.possible(memory)
         return next(self.solutions(bindings, memory), None) is not None
 
@@ -175,6 +187,8 @@ def _test(condition: Condition, scope: frozenset[str], alphas: Alphas, evaluator
         return lambda _, memory: any(matches_finding(wanted, fact) for fact in memory.findings)
     if isinstance(condition, Not):
         inside = conjunction(conditions_of(condition.not_))
+        if inside.free:
+            return lambda _, memory: not inside.possible(memory)
         return lambda bindings, memory: not inside.holds(bindings, memory)
     if isinstance(condition, Exists):
         return conjunction(conditions_of(condition.exists)).holds
@@ -280,14 +294,17 @@ class CompiledEngine:
 
 
 def _candidates(layer: Layer, memory: Memory) -> Iterator[CompiledRule]:
-    """Yield the rules that may fire on the facts there are."""
+    """Yield the rules whose comparisons with numbers some facts pass, as far as they can be told one by one."""
     passed = layer.gates.open(memory.by_template)
-    for rule, passes in zip(layer.rules, layer.gates.passes, strict=True):
-        for gate, rank in passes:
+    for rule, asked, forbidden in zip(layer.rules, layer.gates.asked, layer.gates.forbidden, strict=True):
+        for gate, rank in asked:
             if rank >= passed[gate]:
                 break
         else:
-            if rule.when.possible(memory):
+            for gate, rank in forbidden:
+                if rank < passed[gate]:
+                    break
+            else:
                 yield rule
 
 

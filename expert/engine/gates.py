@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from expert.facts import Fact, is_number
 from expert.rules.evaluate import Evaluator
-from expert.rules.model import Comparison, Rule
+from expert.rules.model import Comparison, Condition, Not, Rule
+from expert.rules.strata import conditions_of
 
 Passes = tuple[tuple[int, int], ...]  # gate and rank of every comparison that some fact has to pass
 _Key = tuple[str, str, str]
@@ -28,8 +29,9 @@ _TURNED: Mapping[str, tuple[Callable[[float], float], bool]] = {
 class Gates:
     """The limits of all rules of a layer, by template, field and operator.
 
-    A rule whose rank is not below the number of limits passed, for any of its comparisons, cannot fire. The converse
-    does not hold: different facts may pass the comparisons of one alias.
+    A rule cannot fire if for any comparison that it asks for its rank is not below the number of limits passed, or for
+    any that it forbids the rank is below. The converse does not hold: different facts may pass the comparisons of one
+    alias.
 
     Parameters
     ----------
@@ -37,28 +39,37 @@ class Gates:
         The rules.
     evaluator : Evaluator
         Evaluates thresholds.
+
+    Attributes
+    ----------
+    asked, forbidden : tuple of tuple of (int, int)
+        For every rule gate and rank of the comparisons that stand alone, and of those alone inside a `not`.
     """
 
     def __init__(self, rules: Sequence[Rule], evaluator: Evaluator) -> None:
-        asked: dict[_Key, set[float]] = {}
-        asking: list[list[tuple[_Key, float]]] = []
-        for rule in rules:
-            found: list[tuple[_Key, float]] = []
-            for condition in rule.when:
-                if isinstance(condition, Comparison) and condition.op in _TURNED and condition.field is not None:
-                    limit = evaluator.constant(condition)
-                    if is_number(limit):
-                        key = condition.fact, condition.field, condition.op
-                        turned = -limit if condition.op.endswith(("lt", "le")) else limit
-                        asked.setdefault(key, set()).add(turned)
-                        found.append((key, turned))
-            asking.append(found)
-        self._limits = [(*key, sorted(asked[key])) for key in sorted(asked)]
-        place = {(template, field, op): index for index, (template, field, op, _) in enumerate(self._limits)}
-        self.passes: tuple[Passes, ...] = tuple(
-            tuple((place[key], bisect_left(self._limits[place[key]][3], limit)) for key, limit in found)
-            for found in asking
-        )
+        self._evaluator = evaluator
+        asked = [_known(map(self._limit_of, rule.when)) for rule in rules]
+        forbidden = [_known(self._limit_of(item) for item in _negated(rule)) for rule in rules]
+        limits: dict[_Key, set[float]] = {}
+        for found in (*asked, *forbidden):
+            for key, limit in found:
+                limits.setdefault(key, set()).add(limit)
+        self._limits = [(*key, sorted(limits[key])) for key in sorted(limits)]
+        self._place = {(template, field, op): index for index, (template, field, op, _) in enumerate(self._limits)}
+        self.asked = tuple(map(self._ranks, asked))
+        self.forbidden = tuple(map(self._ranks, forbidden))
+
+    def _limit_of(self, condition: Condition) -> tuple[_Key, float] | None:
+        """Return the gate of a comparison with a number, and its limit there; None for any other condition."""
+        if not isinstance(condition, Comparison) or condition.op not in _TURNED or condition.field is None:
+            return None
+        limit = self._evaluator.constant(condition)
+        if not is_number(limit):
+            return None
+        return (condition.fact, condition.field, condition.op), -limit if condition.op.endswith(("lt", "le")) else limit
+
+    def _ranks(self, found: Sequence[tuple[_Key, float]]) -> Passes:
+        return tuple((self._place[key], bisect_left(self._limits[self._place[key]][3], limit)) for key, limit in found)
 
     def open(self, facts: Mapping[str, Sequence[Fact]]) -> list[int]:
         """Return for every gate how many of its limits some fact passes, the lowest first.
@@ -75,3 +86,17 @@ class Gates:
             search = bisect_right if equal else bisect_left
             counts.append(search(limits, max(values)) if values else 0)
         return counts
+
+
+def _known(found: Iterable[tuple[_Key, float] | None]) -> list[tuple[_Key, float]]:
+    return [item for item in found if item is not None]
+
+
+def _negated(rule: Rule) -> Iterator[Condition]:
+    """Yield the comparisons that stand alone in a `not` of a rule, on an alias that is bound nowhere else."""
+    bound = {item.name for item in rule.when if isinstance(item, Comparison)}
+    for condition in rule.when:
+        if isinstance(condition, Not):
+            inside = conditions_of(condition.not_)
+            if len(inside) == 1 and isinstance(inside[0], Comparison) and inside[0].name not in bound:
+                yield inside[0]

@@ -55,22 +55,25 @@ def test_a_gate_is_closed_exactly_where_no_fact_holds_one_comparison() -> None:
     closed = 0
     for seed in range(600):
         comparison, facts = drawn(seed)
-        rule = Rule.model_validate(
-            {
-                "id": "RUL001", "name": "test", "stage": "correction", "when": [comparison], "then": [{"derive": "f"}],
-                "because": "because of a test", "references": ["test"],
-            }
-        )  # fmt: skip
-        gates = Gates([rule], EVALUATOR)
+        asking, forbidding = (rule_of(when) for when in (comparison, {"not": comparison}))
+        gates = Gates([asking, forbidding], EVALUATOR)
         by_template = {name: [fact for fact in facts if fact.template == name] for name in TEMPLATES}
         passed = gates.open(by_template)
-        is_open = all(rank < passed[gate] for gate, rank in gates.passes[0])
         held = any(EVALUATOR.comparison(comparison, {comparison.name: fact}) for fact in by_template[comparison.fact])
-        assert is_open or not held, f"seed {seed}: {comparison!r} on {facts}"
-        if gates.passes[0]:
-            assert is_open is held, f"seed {seed}: {comparison!r} on {facts}"
-            closed += not is_open
-    assert closed > 50
+        for gate, rank in (*gates.asked[0], *gates.forbidden[1]):
+            assert (rank < passed[gate]) is held, f"seed {seed}: {comparison!r} on {facts}"
+            closed += not held
+        assert (gates.asked[1], gates.forbidden[0]) == ((), ())
+    assert closed > 100
+
+
+def rule_of(condition: object) -> Rule:
+    return Rule.model_validate(
+        {
+            "id": "RUL001", "name": "test", "stage": "correction", "when": [condition], "then": [{"derive": "f"}],
+            "because": "because of a test", "references": ["test"],
+        }
+    )  # fmt: skip
 
 
 def test_nan_and_infinity_are_no_values_of_a_fact() -> None:
