@@ -108,14 +108,15 @@ class State:
         return self.paths[index % 2], self.least[index % 2]
 
 
-def strips_per_half(rows: int, columns: int, count: int, max_memory_mb: int, name: str) -> int:
-    """Return into how few strips each half must be cut.
+def strips_per_half(shape: tuple[int, ...], count: int, max_memory_mb: int, name: str) -> int:
+    """Return into how few strips each half of an image (H, W) must be cut.
 
     Raises
     ------
     OperatorError
         If the memory does not suffice, however many they are.
     """
+    rows, columns = shape
     half = math.ceil(rows / 2)
     held = max(count, FEWEST_DISPARITIES)
     sizes = [(_bytes_needed(half, columns, held, strips), strips) for strips in range(1, half + 1)]

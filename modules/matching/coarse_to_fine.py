@@ -36,6 +36,12 @@ class Tile:
     seen: tuple[slice, slice]
     search: DisparityRange
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns that it matches."""
+        rows, columns = self.seen
+        return rows.stop - rows.start, columns.stop - columns.start
+
 
 def confirmed_coarse(left: Bytes, right: Bytes, search: DisparityRange, match: Match) -> FloatImage:
     """Return disparities of the half-size images (h, w) in px of the full ones, NaN where the right one disagrees."""
@@ -80,7 +86,7 @@ def _range_of(coarse: FloatImage, search: DisparityRange) -> DisparityRange:
     return DisparityRange(least, max(min(int(np.ceil(high + margin)) + 1, search.max_px), least + 1))
 
 
-def match_tiles(problem: Problem, tiles: list[Tile], pool: ThreadPoolExecutor | None) -> Selection:
+def match_tiles(problem: Problem, tiles: list[Tile], strips: list[int], pool: ThreadPoolExecutor | None) -> Selection:
     """Match every tile in its range.
 
     Parameters
@@ -88,6 +94,8 @@ def match_tiles(problem: Problem, tiles: list[Tile], pool: ThreadPoolExecutor | 
     problem : Problem
         Of the whole images and range.
     tiles : list of Tile
+    strips : list of int
+        Into how many each half of a tile is cut; see `aggregation.strips_per_half`.
     pool : ThreadPoolExecutor or None
         Matches tiles at once; the result does not depend on it.
 
@@ -100,10 +108,10 @@ def match_tiles(problem: Problem, tiles: list[Tile], pool: ThreadPoolExecutor | 
     disparity, ratio, right_px = (np.full(shape, np.nan, np.float32) for _ in range(3))
     out = Selection(disparity, ratio, right_px, np.full(shape, np.inf, np.float32))
 
-    def solve(tile: Tile) -> Selection:
-        return aggregate(part_of(problem, tile), 1, None)
+    def solve(tile: Tile, cuts: int) -> Selection:
+        return aggregate(part_of(problem, tile), cuts, None)
 
-    found: Iterable[Selection] = map(solve, tiles) if pool is None else pool.map(solve, tiles)
+    found: Iterable[Selection] = map(solve, tiles, strips) if pool is None else pool.map(solve, tiles, strips)
     for tile, part in zip(tiles, found, strict=True):
         _paste(tile, part, out)
     return out

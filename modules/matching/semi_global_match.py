@@ -138,14 +138,15 @@ def _match_levels(
     """Match at once, or coarsely first."""
 
     def match(one: Bytes, other: Bytes, wanted: DisparityRange) -> Selection:
-        rows, columns = one.shape
-        strips = strips_per_half(rows, columns, wanted.count, params.max_memory_mb, NAME)
+        strips = strips_per_half(one.shape, wanted.count, params.max_memory_mb, NAME)
         return aggregate(state_problem(one, other, wanted, params), strips, pool)
 
     if not params.coarse_to_fine:
         return match(left, right, search)
     tiles = plan_tiles(confirmed_coarse(left, right, search, match), left.shape, search)
-    return match_tiles(state_problem(left, right, search, params), tiles, pool)
+    each_mb = params.max_memory_mb // params.threads  # a thread matches one tile at a time
+    strips = [strips_per_half(tile.shape, tile.search.count, each_mb, NAME) for tile in tiles]
+    return match_tiles(state_problem(left, right, search, params), tiles, strips, pool)
 
 
 def _held_at_ends(refined: FloatImage, disparity: FloatImage, search: DisparityRange) -> FloatImage:

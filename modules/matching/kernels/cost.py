@@ -27,7 +27,7 @@ from modules.matching.kernels.vectors import (
     words_of,
 )
 
-BLOCK = 64  # columns whose cost is averaged at a time, so that the sums stay in the cache
+BLOCK = 128  # columns whose cost is averaged at a time, so that the sums stay in the cache
 PADDING = 255  # cost of disparities that are not searched; larger than any other, so that none is ever the best
 
 

@@ -22,16 +22,16 @@ def pair(rows: int = 40, columns: int = 90, disparity: int = 6) -> tuple[np.ndar
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 20), (3, 50), (-30, 12)])
-@pytest.mark.parametrize(("part_low", "part_high"), [(3, 12), (5, 9)])
+@pytest.mark.parametrize(("part_low", "part_high", "strips"), [(3, 12, 1), (5, 9, 3)])
 def test_one_tile_that_sees_everything_gives_what_its_range_gives(
-    low: int, high: int, part_low: int, part_high: int
+    low: int, high: int, part_low: int, part_high: int, strips: int
 ) -> None:
     left, right = pair()
     params = SemiGlobalMatchParams(subpixel="equiangular")
     everywhere = (slice(0, 40), slice(0, 90))
     narrow = DisparityRange(part_low, part_high)
     whole = state_problem(left, right, DisparityRange(low, high), params)
-    found = match_tiles(whole, [Tile(everywhere, everywhere, narrow)], None)
+    found = match_tiles(whole, [Tile(everywhere, everywhere, narrow)], [strips], None)
     expected = aggregate(state_problem(left, right, narrow, params), 1, None)
     np.testing.assert_allclose(found.disparity, expected.disparity, atol=1e-5)
     np.testing.assert_array_equal(found.ratio, expected.ratio)
@@ -98,7 +98,10 @@ def test_tiles_in_a_pool_are_those_in_turn() -> None:
     problem = state_problem(left, right, DisparityRange(-8, 24), params)
     tiles = plan_tiles(np.full((150, 300), 6.0, np.float32), left.shape, DisparityRange(-8, 24))
     with ThreadPoolExecutor(2) as pool:
-        one, two = match_tiles(problem, tiles, None), match_tiles(problem, tiles, pool)
+        one, two = (
+            match_tiles(problem, tiles, [1] * len(tiles), None),
+            match_tiles(problem, tiles, [2] * len(tiles), pool),
+        )
     np.testing.assert_array_equal(one.disparity, two.disparity)
     np.testing.assert_array_equal(one.right_cost, two.right_cost)
     assert np.mean(np.abs(one.right_px[:, 5:-8] - 6) < 0.5) > 0.97

@@ -176,8 +176,8 @@ def test_the_product_depends_neither_on_threads_nor_on_memory() -> None:
     views = random_pair(rows=240, columns=300)
     search = DisparityRange(-20, 80)
     whole = match_gray(views.left, views.right, search, SemiGlobalMatchParams())
-    assert strips_per_half(240, 300, 100, 512, "matching") == 1
-    assert strips_per_half(240, 300, 100, 6, "matching") > 1
+    assert strips_per_half((240, 300), 100, 512, "matching") == 1
+    assert strips_per_half((240, 300), 100, 6, "matching") > 1
     for threads, memory_mb in ((1, 512), (1, 6), (2, 6)):
         params = SemiGlobalMatchParams(threads=threads, max_memory_mb=memory_mb)
         assert same(match_gray(views.left, views.right, search, params), whole)
@@ -271,5 +271,5 @@ def test_too_little_memory_is_refused_before_any_is_taken() -> None:
         "500; raise it, narrow the range or reduce the images"
     )
     with pytest.raises(OperatorError) as caught:
-        strips_per_half(30000, 40000, 128, 500, "matching.semi_global_match")
+        strips_per_half((30000, 40000), 128, 500, "matching.semi_global_match")
     assert str(caught.value) == words
