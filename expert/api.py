@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -156,6 +157,7 @@ class ExpertSystem:
         if run.critical() or (pair.calibration is not None and (final is None or final.elevation is None)):
             status = "failed"
         points, elevation = (final.points, final.elevation) if final else (None, None)
+        run.notes += [] if final is None else _level_told(final)
         decision = self._decision(pair, run, status, product_digests(matching.disparity, elevation))
         return Result(decision, matching.views, matching.disparity, points, elevation, original=pair.views)
 
@@ -165,6 +167,7 @@ class ExpertSystem:
         run.memory = {} if measured is None else measured
         if progress is not None:
             run.progress = progress
+        run.notes += pair.preparation.told(pair.valid_fraction)
         run.decide_measurement()
         return run
 
@@ -173,14 +176,13 @@ class ExpertSystem:
         rig = Rig(calibrated=False)
         if camera is not None:
             done = pair.preparation
-            masks = [mask for mask in (pair.left_mask, pair.right_mask) if mask is not None]
             rig = Rig(
                 calibrated=True,
                 focal_px=camera.focal_px,
                 baseline_m=camera.baseline_m,
                 doffs_px=camera.doffs_px,
                 rectified_here=done.rectified_here,
-                valid_fraction=min([1.0, *(float(mask.mean()) for mask in masks)]) if done.rectified_here else None,
+                valid_fraction=pair.valid_fraction if done.rectified_here else None,
                 calibration_scale=done.calibration_scale if done.calibration_scale != 1.0 else None,
             )
         known = MeasuredAttitude(known=attitude is not None)
@@ -218,6 +220,17 @@ class ExpertSystem:
             timings_s={name: round(seconds, 6) for name, seconds in run.timings_s.items()},
             rules=self._rules_record,
         )
+
+
+def _level_told(scene: Scene) -> list[str]:
+    """Say how uncertain level is, where the ground took part in finding it."""
+    if scene.ground is None or scene.attitude is None:
+        return []
+    sigma = scene.attitude.sigma_rad
+    return [
+        f"level comes from the ground itself: roll and pitch are uncertain by {math.degrees(sigma):.1f} deg, "
+        f"which is {100 * math.tan(sigma):.0f} cm of height for every metre of distance"
+    ]
 
 
 class _Corrector:

@@ -85,6 +85,16 @@ class Preparation:
     rectified_here: bool = False
     calibration_scale: float = 1.0
 
+    def told(self, valid_fraction: float) -> list[str]:
+        """Say it for the report; `valid_fraction` is the part of the rectified images that the cameras saw."""
+        said = []
+        if self.calibration_scale != 1.0:
+            said.append(f"the calibration was scaled by {self.calibration_scale:.4g} to the size of the images")
+        if self.rectified_here:
+            what = f"the {self.calibration_format} calibration" if self.calibration_format else "the calibration"
+            said.append(f"the images were rectified here with {what}; {valid_fraction:.1%} of their pixels are valid")
+        return said
+
 
 @dataclass(frozen=True)
 class StereoPair:
@@ -213,7 +223,8 @@ class StereoPair:
         stated = read_calibration(calibration, pair.left.shape)
         fitting = for_images(stated, pair.left.shape, scale=scale_calibration)
         done = Preparation(stated.format, calibration_scale=_width(fitting) / _width(stated))
-        pair = replace(pair, mount=fitting.mount, preparation=done)
+        mount = None if fitting.body_is_imu and pair.attitude is None else fitting.mount
+        pair = replace(pair, mount=mount, preparation=done)
         if fitting.rig is not None and not rectified:
             return pair.rectify(fitting.rig, alpha=alpha)
         if fitting.rectified is None:
@@ -269,6 +280,12 @@ class StereoPair:
             mount=rectified_mount(self.mount or Mount(), plan.left_rotation),
             preparation=replace(self.preparation, rectified_here=True),
         )
+
+    @property
+    def valid_fraction(self) -> float:
+        """Part of the pixels that may be used, the smaller of the two images."""
+        masks = [mask for mask in (self.left_mask, self.right_mask) if mask is not None]
+        return min([1.0, *(float(mask.mean()) for mask in masks)])
 
     @property
     def views(self) -> Views:

@@ -178,6 +178,48 @@ def test_an_attitude_file_out_of_range_is_refused_by_name(
     )
 
 
+IMU = "time_s,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n0.4,0,8,0\n"
+
+
+def test_the_attitude_of_a_log_is_used_at_the_time_of_the_pair(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "imu.csv").write_text(IMU, encoding="utf-8")
+    arguments = ("decide", "left.png", "right.png", "--imu", "imu.csv", "--time", "0.1", "--json")
+    monkeypatch.setattr("sys.argv", ["terrex", *arguments, "--convention", "aerospace"])
+    with pytest.raises(SystemExit):
+        main()
+    assert '"pitch_deg": -2.0' in capsys.readouterr().out  # nose up 2 degrees
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--imu", "imu.csv"), "--imu LOG and --time T belong together; give both or neither"),
+        (("--time", "1"), "--imu LOG and --time T belong together; give both or neither"),
+        (
+            ("--imu", "imu.csv", "--time", "0", "--pitch", "1"),
+            "give --imu LOG --time T, --attitude FILE or --roll --pitch --yaw: one of them",
+        ),
+        (
+            ("--imu", "imu.csv", "--time", "7"),
+            "imu.csv runs from 0.000 to 0.400 s and 7.000 s is outside; "
+            "check that the images and the log use one clock and unit",
+        ),
+        (("--alpha", "1"), "--rectified, --alpha and --scale-calibration say how to use --calibration; give it"),
+    ],
+)
+def test_half_of_a_statement_is_refused(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    words: str,
+) -> None:
+    (folder / "imu.csv").write_text(IMU, encoding="utf-8")
+    assert refused(folder, monkeypatch, capsys, "decide", "left.png", "right.png", *options) == words
+
+
 def test_an_attitude_given_twice_is_refused(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,7 +17,7 @@ from modules.formats import write_calibration, write_image
 from modules.rectification.rectify import rectified_points
 from modules.simulation import TerrainParams, render_terrain
 from modules.simulation.terrain import RenderedPair
-from modules.types import Calibration, Camera, Invalid, StereoRig
+from modules.types import Attitude, Calibration, Camera, Invalid, StereoRig
 
 SIZE = (320, 240)
 # The scene is rendered with a wide rectified rig, from which the images of two raw cameras are looked up.
@@ -92,6 +92,7 @@ def test_the_terrain_of_a_raw_pair_is_right(rendered, model, alpha):
     rig_fact = next(record.fields for record in result.decision.facts if record.template == "rig")
     assert rig_fact["rectified_here"] is True
     assert "MEA100" not in result.decision.rules_fired
+    assert "the images were rectified here with the calibration; " in result.decision.text()
     if alpha == 1.0:
         assert rig_fact["valid_fraction"] < 0.97
         assert (result.validity[~pair.left_mask] & Invalid.MASKED).all()
@@ -144,6 +145,32 @@ def test_the_command_takes_raw_images_and_says_so(rendered, tmp_path: Path, monk
         main()
     assert stop.value.code == 2
     assert "describes raw cameras and no rectified pair; leave out --rectified" in capsys.readouterr().err
+
+
+def test_the_uncertainty_of_a_fitted_level_is_said_aloud(rendered):
+    pair = StereoPair(rendered.left, rendered.right, calibration=rendered.calibration, mount=rendered.mount)
+    said = ExpertSystem(engine="compiled").reconstruct(pair).decision.text()
+    assert "level comes from the ground itself: roll and pitch are uncertain by 2." in said
+    assert "cm of height for every metre of distance" in said
+
+
+def test_a_mount_on_an_inertial_unit_needs_its_attitude(rendered, tmp_path):
+    """An inertial unit may look anywhere: here its z axis looks ahead, as that of a camera."""
+    rows = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    shared = "camera_model: pinhole, distortion_model: none, intrinsics: [250, 250, 220, 170], resolution: [440, 340]"
+    pose = rows.replace("[1, 0, 0, 0]", "[1, 0, 0, -0.09]")
+    (tmp_path / "camchain-imucam.yaml").write_text(
+        f"cam0: {{{shared}, T_cam_imu: {rows}}}\ncam1: {{{shared}, T_cn_cnm1: {pose}}}\n"
+    )
+    write_image(tmp_path / "left.png", rendered.left)
+    write_image(tmp_path / "right.png", rendered.right)
+    files = (tmp_path / "left.png", tmp_path / "right.png")
+    pair = StereoPair.load(*files, calibration=tmp_path / "camchain-imucam.yaml")
+    assert pair.mount is None
+    assert pair.calibration.baseline_m == pytest.approx(0.09)
+    assert not pair.preparation.rectified_here  # parallel cameras without distortion
+    pair = StereoPair.load(*files, calibration=tmp_path / "camchain-imucam.yaml", attitude=Attitude())
+    np.testing.assert_array_equal(pair.mount.rotation, np.eye(3))
 
 
 def test_pairs_that_cannot_be_rectified_are_named(rendered):

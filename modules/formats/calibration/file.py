@@ -21,9 +21,12 @@ class CalibrationFile:
         The cameras as they are; None where the file describes rectified images alone.
     mount : Mount or None
         Where the left camera, as it is, sits on the body.
+    body_is_imu : bool
+        Whether the body of `mount` is the inertial unit, whose axes say nothing of up and ahead without its attitude.
     """
 
     format: str
     rectified: Calibration | None = None
     rig: StereoRig | None = None
     mount: Mount | None = None
+    body_is_imu: bool = False

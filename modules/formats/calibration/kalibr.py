@@ -17,7 +17,8 @@ from modules.types import Camera, Mount, StereoRig
 def read_kalibr(source: str, chain: Mapping[str, object]) -> CalibrationFile:
     """Read cameras 0 and 1 of a chain, `cam0` as the left one.
 
-    With `T_cam_imu` the frame of the inertial measurement unit is taken as the body frame, and the mount follows.
+    With `T_cam_imu` the frame of the inertial measurement unit is taken as the body frame, and the mount follows; it
+    has a meaning together with the attitude of that unit only.
 
     References
     ----------
@@ -37,7 +38,7 @@ def read_kalibr(source: str, chain: Mapping[str, object]) -> CalibrationFile:
         turn = optical_from_imu[:3, :3].T
         bx, by, bz = (float(value) for value in -turn @ optical_from_imu[:3, 3])
         mount = Mount(turn, (bx, by, bz))
-    return CalibrationFile("Kalibr", rig=rig, mount=mount)
+    return CalibrationFile("Kalibr", rig=rig, mount=mount, body_is_imu=mount is not None)
 
 
 def _pose(source: str, name: str, camera: Mapping[str, object]) -> NDArray[np.float64] | None:
