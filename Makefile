@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 PYTHONS ?= python3.10 python3.11 python3.12 python3.13
-PATHS := expert modules knowledge tests examples benchmarks
+PATHS := expert modules knowledge tests examples benchmarks docs
 
 # The stamp carries a hash of what the environment is made of, so that a changed lock file renews it.
 HASH := $(shell cat requirements.lock pyproject.toml | cksum | cut -d ' ' -f 1)
@@ -117,6 +117,11 @@ schema: $(STAMP)  ## Write the schemas of rule files and calibrations, for edito
 	@$(BIN)/terrex explain --schema > knowledge/decision.schema.json
 	@$(BIN)/terrex calibrate --schema > docs/calibration.schema.json
 
+docs: $(STAMP)  ## Build the documentation into site/, what is generated from the code included
+	@$(BIN)/python docs/generate.py
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build -q
+	@echo 'open site/index.html'
+
 fmt: $(STAMP)  ## Format code and rules, and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true
 	@$(BIN)/ruff format -q $(PATHS)
@@ -135,7 +140,7 @@ wheel: $(STAMP)  ## Build the wheel and the source distribution into dist/
 	@ls dist
 
 clean:  ## Remove the environment and everything that was built
-	rm -rf $(VENV) build dist demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist site docs/generated demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .PHONY: bench-correction bench-correction-rules

@@ -183,8 +183,8 @@ def simulate(
     typer.echo(f"written to {out}")
 
 
-def main() -> None:
-    """Run the command line; faults of the input end with exit code 2 and a sentence."""
+def complete_app() -> typer.Typer:
+    """Return the application with the commands of all files; they are imported only here, so that `run` starts fast."""
     from expert.cli.batch import batch
     from expert.cli.calibrate import calibrate
     from expert.cli.evaluate import evaluate
@@ -193,11 +193,6 @@ def main() -> None:
     from expert.cli.replay import replay_command
     from expert.cli.report import report
     from expert.cli.rules import app as rules_app
-    from expert.firing import RunawayRuleBase
-    from expert.pair import PairError
-    from expert.plan import PlanError
-    from expert.rules.problem import RuleFileError
-    from modules.formats import FormatError
 
     if not any(group.name == "rules" for group in app.registered_groups):
         app.command()(batch)
@@ -208,8 +203,19 @@ def main() -> None:
         app.command("replay")(replay_command)
         app.command()(report)
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")
+    return app
+
+
+def main() -> None:
+    """Run the command line; faults of the input end with exit code 2 and a sentence."""
+    from expert.firing import RunawayRuleBase
+    from expert.pair import PairError
+    from expert.plan import PlanError
+    from expert.rules.problem import RuleFileError
+    from modules.formats import FormatError
+
     try:
-        app()
+        complete_app()()
     except (FormatError, PairError, PlanError, RuleFileError, RunawayRuleBase, UsageError) as error:
         typer.echo(str(error), err=True)
         sys.exit(2)
