@@ -15,6 +15,8 @@ from modules.types import Attitude, Calibration, Image, Mask, PointCloud, Scene,
 
 PIXEL_SIGMA_PX = 0.29  # standard deviation of a position within one pixel, 1 / sqrt(12)
 
+BEHIND_PX = -1.0  # disparities of the sky scatter about 0; a point behind the camera is clearly below
+
 Floats = NDArray[np.float32]
 
 
@@ -53,7 +55,7 @@ def triangulate_disparity(scene: Scene, params: TriangulateDisparityParams) -> S
         With `points`: float32 (N, 3) m. The covariance is the sum of the disparity's noise, which lies along the ray,
         the width of the pixel, and what all points share: attitude, focal length and baseline, disparity offset; the
         shared part is stated in `points.shared` as well, since no averaging removes it. `rejected` counts
-        `no_disparity`, `masked`, `behind_camera` (d + doffs not positive) and `too_far`.
+        `no_disparity`, `masked`, `behind_camera` (d + doffs below -1 px) and `too_far`.
 
     Raises
     ------
@@ -112,7 +114,7 @@ def _usable(shifted: Floats, mask: Mask | None, smallest_px: float) -> tuple[Mas
     seen = valid if mask is None else valid & mask.ravel()
     with np.errstate(invalid="ignore"):
         usable = seen & (shifted >= smallest_px)
-        behind = seen & (shifted <= 0.0)
+        behind = seen & (shifted <= BEHIND_PX)
     total, matched, allowed = valid.size, np.count_nonzero(valid), np.count_nonzero(seen)
     negative = np.count_nonzero(behind)
     return usable, {
@@ -129,7 +131,7 @@ def _nothing(rejected: dict[str, int], calibration: Calibration) -> str:
     remedy = {
         "no_disparity": "the matcher found nothing; check the pair and the disparity range",
         "masked": "the mask hides every matched pixel; check the mask",
-        "behind_camera": f"d + doffs is not positive; check doffs ({calibration.doffs_px:g} px) of the calibration",
+        "behind_camera": f"d + doffs is negative; check doffs ({calibration.doffs_px:g} px) of the calibration",
         "too_far": "everything is beyond the reach of this baseline; check doffs and the disparity range",
     }[reason]
     counts = ", ".join(f"{name} {count}" for name, count in rejected.items() if count)

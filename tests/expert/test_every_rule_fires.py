@@ -36,6 +36,27 @@ rules:
     references: ["test"]
 """
 
+CARELESS = """version: 1
+rules:
+  - id: RIG002
+    name: checks-left-out
+    stage: matching
+    when: [{fact: task}]
+    then:
+      - {choose: none, slot: consistency, score: 0.99}
+      - {choose: none, slot: speckles, score: 0.99}
+    because: This rig checks nothing after matching.
+    references: ["test"]
+  - id: RIG003
+    name: lone-points-kept
+    stage: reconstruction
+    when: [{fact: task}]
+    then:
+      - {choose: none, slot: outliers, score: 0.8}
+    because: This rig keeps lone points.
+    references: ["test"]
+"""
+
 
 def texture(seed: int, sigma_px: float = 1.2, width: int = WIDTH + 100) -> NDArray[np.uint8]:
     noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(0.0, 1.0, (HEIGHT, width)), (0, 0), sigma_px)
@@ -63,7 +84,8 @@ def rendered_decisions(system: ExpertSystem) -> Iterator[Decision]:
         bad = distort_right(views, kind, seed=1)
         yield system.reconstruct(StereoPair(bad.left, bad.right, attitude=made.attitude, **known)).decision
     yield system.reconstruct(StereoPair(made.left, made.right, **known)).decision
-    yield system.reconstruct(StereoPair(made.left, made.right, attitude=Attitude(0.0, 1.3, 0.0), **known)).decision
+    for wrong in (Attitude(0.0, 1.3, 0.0), Attitude(-made.attitude.roll_rad, -made.attitude.pitch_rad)):
+        yield system.reconstruct(StereoPair(made.left, made.right, attitude=wrong, **known)).decision
     yield system.reconstruct(StereoPair(made.right, made.left)).decision
     for kind, strength in (("blur", 1.0), ("dark", 1.0), ("combined", 2.0), ("noise", 3.0)):
         swapped = distort_right(Views(made.right, made.left), kind, seed=1, strength=strength)
@@ -110,6 +132,28 @@ def synthetic_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision
         file = folder / f"narrow{number}.yaml"
         file.write_text(NARROW.replace("LIMIT", limit))
         yield ExpertSystem(rules=[file], engine="compiled").reconstruct(StereoPair(left, right)).decision
+
+
+def misplaced_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision]:
+    """Yield decisions on pairs whose attitude, baseline, offset or checks are wrong, and on walls."""
+    made = render_terrain(
+        TerrainParams(seed=3, width_px=WIDTH, height_px=HEIGHT, focal_px=250.0, roll_deg=6.0, pitch_deg=-9.0)
+    )
+    right = StereoPair(made.left, made.right, calibration=made.calibration, mount=made.mount, attitude=made.attitude)
+    negated = Attitude(-made.attitude.roll_rad, -made.attitude.pitch_rad)
+    yield system.reconstruct(replace(right, attitude=negated)).decision
+    for change in ({"baseline_m": 0.15}, {"doffs_px": -7.0}):
+        yield system.reconstruct(replace(right, calibration=replace(made.calibration, **change))).decision
+    wall = StereoPair(*plane(texture(1), 12), calibration=replace(CAMERA, baseline_m=0.4), attitude=Attitude())
+    yield system.reconstruct(wall).decision
+    unlike = made.right.copy()
+    unlike[150:] = texture(9)[150:, :WIDTH, None]
+    yield system.reconstruct(replace(right, right=unlike)).decision
+    file = folder / "careless.yaml"
+    file.write_text(CARELESS)
+    noisy = distort_right(Views(made.left, made.right), "noise", seed=1, strength=4.0)
+    careless = ExpertSystem(rules=[file], engine="compiled")
+    yield careless.reconstruct(replace(right, right=noisy.right)).decision
 
 
 def lit_decisions(system: ExpertSystem) -> Iterator[Decision]:
@@ -178,6 +222,7 @@ def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pyt
     decisions = (
         rendered_decisions(system),
         synthetic_decisions(system, tmp_path),
+        misplaced_decisions(system, tmp_path),
         lit_decisions(system),
         faulty_decisions(system),
         calibration_decisions(system),

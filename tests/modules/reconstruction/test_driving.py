@@ -129,7 +129,7 @@ def test_masked_pixels_and_points_behind_the_camera_are_counted_apart():
     ("disparity", "mask", "words"),
     [
         (np.nan, None, "no_disparity 76800.: the matcher found nothing"),
-        (-5.0, None, "behind_camera 76800.: d . doffs is not positive; check doffs .0 px."),
+        (-5.0, None, "behind_camera 76800.: d . doffs is negative; check doffs .0 px."),
         (0.1, None, "too_far 76800.: everything is beyond the reach"),
         (9.0, np.zeros((240, 320), bool), "masked 76800.: the mask hides every matched pixel"),
     ],

@@ -189,7 +189,7 @@ def test_the_slope_of_a_plane_is_exact_and_its_roughness_zero():
 def test_terrain_quality_describes_a_tilted_plane():
     normal = np.array([math.sin(0.1), 0.0, math.cos(0.1)])
     scene = reconstruct(plane_scene(normal=normal, attitude=Attitude()))
-    (fact,) = PROBE.function(scene)
+    fact = PROBE.function(scene)[0]
     assert fact.plane_tilt_deg == pytest.approx(math.degrees(0.1), abs=0.02)
     assert fact.plane_residual_m < 1e-3
     assert fact.behind_camera_fraction == 0.0
