@@ -81,6 +81,8 @@ bench-field: $(STAMP)  ## Reconstruct rover pairs and measure how level their gr
 
 bench-ground-plane: $(STAMP)  ## Measure on rendered terrain whether the fitted ground plane states its uncertainty honestly
 	@$(BIN)/python -m benchmarks.ground_plane
+bench-facts: $(STAMP)  ## Compare facts with simulated truth: bias, spread, disparity range; ARGS=--time for CPU time per probe
+	@$(BIN)/python -m benchmarks.facts $(ARGS)
 
 bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matrix over development pairs (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.causes $(ARGS)

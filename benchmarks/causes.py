@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import json
 import os
 import time
 from collections import defaultdict
@@ -188,8 +189,10 @@ def findings_of(system: ExpertSystem, views: Views) -> tuple[set[str], bool, flo
 
 
 def pairs_of(folder: Path, every: int) -> Iterator[tuple[int, DatasetPair]]:
-    """Yield the pairs whose cameras agree."""
-    agreeing = [pair for pair in read_index(folder, "dev") if not pair.differs]
+    """Yield the pairs whose cameras agree and whose rows correspond."""
+    entries = json.loads((folder / "INDEX.json").read_text(encoding="utf-8"))
+    crooked = {f"{item['dataset']}/{item['scene']}" for item in entries if item.get("imperfect_rectification")}
+    agreeing = [pair for pair in read_index(folder, "dev") if not pair.differs and pair.name not in crooked]
     yield from ((number, pair) for number, pair in enumerate(agreeing) if number % every == 0)
 
 
@@ -245,7 +248,8 @@ def report(rows: Mapping[str, Tally], by_group: bool) -> None:
         )
         if by_group and row.by_group:
             missed = {group: 100 * np.mean(hits) for group, hits in row.by_group.items() if not all(hits)}
-            print("    missed in " + ", ".join(f"{group} {share:.0f} %" for group, share in missed.items()))
+            if missed:
+                print("    missed in " + ", ".join(f"{group} {share:.0f} %" for group, share in missed.items()))
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ PATCH = 0.12  # side of the patches whose light is compared, in half diagonals
 PATCH_BLOCKS = 6  # fewer blocks do not make a patch
 BRIGHT_DN = 30.0  # patches are compared on blocks as bright as this, where half of the blocks are
 SCALE_FLOOR = 0.01  # smallest robust deviation of log ratios
+MODEL_ERROR = (0.025, 0.035, 0.015)  # of radial, across and down: parallax and gloss look like a little of each
 CORRELATED = 3.0  # standard errors of independent blocks are too small by this: neighbours err alike
 
 
@@ -129,11 +130,11 @@ def fit_light(blocks: Corresponding) -> LightFit:
     shape = np.stack([blocks.x**2 + blocks.y**2, blocks.x, blocks.y], axis=1)
     design = np.column_stack([np.ones_like(tone), tone, tone**2, tone**3, shape])
     coefficients, covariance, _ = fit_linear(design, ratio, SCALE_FLOOR)
-    sigma = CORRELATED * np.sqrt(np.maximum(np.diag(covariance), 0))
+    sigma = np.hypot(CORRELATED * np.sqrt(np.maximum(np.diag(covariance)[4:], 0)), MODEL_ERROR)
     radial, across, down = (float(value) for value in coefficients[4:])
     patchy = _patchiness(blocks, ratio - design @ coefficients)
     return LightFit(
-        radial, float(sigma[4]), across, float(sigma[5]), down, float(sigma[6]), patchy, shape @ coefficients[4:]
+        radial, float(sigma[0]), across, float(sigma[1]), down, float(sigma[2]), patchy, shape @ coefficients[4:]
     )
 
 

@@ -22,7 +22,7 @@ class ImageFormat(FactModel):
 
 def measure_image_format(sample: Sample) -> list[ImageFormat]:
     """Return the one `image_format` fact of the pair."""
-    height, width = sample.shape
+    height, width = sample.full_shape
     return [
         ImageFormat(
             width_px=width,

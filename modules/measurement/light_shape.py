@@ -34,7 +34,7 @@ class LightShape(FactModel):
         "Magnitude of the gradient, `across` and `down`", ge=0, resolution=0.001, default=None
     )
     gradient_deg: float | None = quantity(
-        "Direction in which the right image becomes brighter; 0 is right, 90 is down",
+        "Direction in which the right image becomes brighter, if it is certain; 0 is right, 90 is down",
         unit="deg",
         ge=-180,
         le=180,
@@ -54,6 +54,8 @@ def measure_light_shape(sample: Sample) -> list[LightShape]:
     light = sample.light
     if light is None:
         return [LightShape()]
+    gradient = float(np.hypot(light.across, light.down))
+    certain = gradient > 2 * max(light.across_sigma, light.down_sigma)
     return [
         LightShape(
             radial=light.radial,
@@ -62,8 +64,8 @@ def measure_light_shape(sample: Sample) -> list[LightShape]:
             across_sigma=light.across_sigma,
             down=light.down,
             down_sigma=light.down_sigma,
-            gradient=float(np.hypot(light.across, light.down)),
-            gradient_deg=float(np.rad2deg(np.arctan2(light.down, light.across))),
+            gradient=gradient,
+            gradient_deg=float(np.rad2deg(np.arctan2(light.down, light.across))) if certain else None,
             patchy=light.patchy,
         )
     ]

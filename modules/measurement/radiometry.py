@@ -14,7 +14,10 @@ from modules.probe import FactModel, Probe, quantity
 
 CORE = (3.0, 97.0)  # percentiles of the left brightness between which the tone curve is fitted
 BEYOND = 1.3  # half ranges from their middle where the curve goes on as a straight line
+# What the models themselves are wrong by on real pairs, where gloss and parallax act: see docs/facts_validation.md.
+GAIN_ERROR, OFFSET_ERROR_DN, DIFFERENCE_ERROR_DN, GAMMA_ERROR, CAST_ERROR = 0.015, 2.0, 1.2, 0.02, 0.015
 KEPT_PERCENT = 85  # of squared residuals; larger ones are wrong matches and count as this one
+PATCHY = 0.06  # of `LightFit.patchy`; tone curves are not to be trusted under light that differs this much
 CAST_DN = 20.0  # darker blocks say little about colour
 CAST_BLOCKS = 60
 
@@ -102,18 +105,18 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
     power, power_covariance, _ = fit_linear(logs * weight[:, None], np.log((right + 0.5) / 255.5) * weight, 0.005)
     gain = float(straight[1] / half)
     errors = CORRELATED * np.sqrt(np.maximum(np.diag(straight_covariance), 0))
-    cast, cast_sigma = _cast(blocks, bent, middle, half)
+    cast, cast_sigma = _cast(blocks, bent if light.patchy < PATCHY else None, middle, half)
     return [
         Radiometry(
             count=len(blocks),
             difference_dn=float(np.median(right - left)),
-            difference_sigma_dn=_median_error(right - left),
+            difference_sigma_dn=float(np.hypot(_median_error(right - left), DIFFERENCE_ERROR_DN)),
             gain=gain,
-            gain_sigma=float(errors[1] / half),
+            gain_sigma=float(np.hypot(errors[1] / half, GAIN_ERROR)),
             offset_dn=float(straight[0] - gain * middle),
-            offset_sigma_dn=float(np.hypot(errors[0], errors[1] * middle / half)),
+            offset_sigma_dn=float(np.linalg.norm([errors[0], errors[1] * middle / half, OFFSET_ERROR_DN])),
             gamma=float(power[1]),
-            gamma_sigma=float(CORRELATED * np.sqrt(max(power_covariance[1, 1], 0))),
+            gamma_sigma=float(np.hypot(CORRELATED * np.sqrt(max(power_covariance[1, 1], 0)), GAMMA_ERROR)),
             constancy_residual_dn=_rms(right - left),
             gain_residual_dn=_rms(right - np.median(right / left) * left),
             offset_residual_dn=_rms(right - left - np.median(right - left)),
@@ -145,12 +148,17 @@ def _exponent(left: Floats, right: Floats) -> float:
     return float(np.median(exponents))
 
 
-def _cast(blocks: Corresponding, bent: Floats, middle: float, half: float) -> tuple[float | None, float | None]:
-    """Compare the log ratio of each channel with that of the luminance, light cancels; less what the curve does."""
+def _cast(blocks: Corresponding, bent: Floats | None, middle: float, half: float) -> tuple[float | None, float | None]:
+    """Compare the log ratio of each channel with that of the luminance, where light cancels; less what a curve does.
+
+    Without a curve (`bent` is None, as under patchy light that no curve fits) gains are assumed.
+    """
     if blocks.left_colour is None or blocks.right_colour is None:
         return None, None
 
     def by_curve(levels: Floats) -> Floats:
+        if bent is None:
+            return np.zeros_like(levels)
         at = (levels - middle) / half
         core = np.clip(at, -BEYOND, BEYOND)
         mapped = bent[0] + bent[1] * core + bent[2] * (core**2 - 1 / 3) + (bent[1] + 2 * bent[2] * core) * (at - core)
@@ -168,7 +176,7 @@ def _cast(blocks: Corresponding, bent: Floats, middle: float, half: float) -> tu
         excess.append(float(np.median(beyond)))
         errors.append(_median_error(beyond))
     _, second, largest = sorted(errors)
-    return max(excess) - min(excess), float(np.hypot(second, largest))
+    return max(excess) - min(excess), float(np.linalg.norm([second, largest, CAST_ERROR]))
 
 
 PROBE = Probe(

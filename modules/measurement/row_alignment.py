@@ -7,11 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from modules.measurement.sample import Sample
+from modules.primitives.rows import RowModel, centre
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Correspondences
 
 GRID = 4  # the coverage counts cells of a 4 x 4 grid
 CELL_MATCHES = 3
+MODEL_ERROR_PX = 0.03  # real rectifications are not quite of this shape
 
 
 class RowAlignment(FactModel):
@@ -60,18 +62,27 @@ def measure_row_alignment(sample: Sample) -> list[RowAlignment]:
     if features.fit is None:
         return [RowAlignment(count=0, coverage_fraction=0.0)]
     model = features.fit.model
+    offset_px = _at_full_centre(model, sample)
+    whole = RowModel(offset_px, model.roll_rad, model.scale)
     return [
         RowAlignment(
             count=len(agreeing),
             coverage_fraction=coverage(agreeing, sample.shape),
-            offset_px=model.offset_px,
+            offset_px=offset_px,
             roll_deg=float(np.rad2deg(model.roll_rad)),
             scale=model.scale,
-            sigma_px=features.fit.sigma_px,
+            sigma_px=float(np.hypot(features.fit.sigma_px, MODEL_ERROR_PX)),
             residual_px=features.fit.residual_px,
-            max_abs_px=model.max_abs_px(sample.shape),
+            max_abs_px=whole.max_abs_px(sample.full_shape),
         )
     ]
+
+
+def _at_full_centre(model: RowModel, sample: Sample) -> float:
+    """Return the offset at the centre of the whole image, of which the sample may have cut padding off."""
+    cx, cy = centre(sample.full_shape)
+    x, y = np.array([cx - sample.origin[1]]), np.array([cy - sample.origin[0]])
+    return float(model.rows_below(x, y, sample.shape)[0])
 
 
 PROBE = Probe(

@@ -24,6 +24,7 @@ Gray = NDArray[np.uint8]
 HISTOGRAM_PX = 150_000  # pixels that suffice for histograms; at most every second row and column is taken
 SEARCH = (-0.25, 0.45)  # disparities of the coarse match as fractions of the width; negative: swapped or toed in
 SEARCH_MARGIN_PX = 8  # around a given range
+TRACKABLE_FRACTION = 0.45  # of the thumbnail matches; clean pairs 0.6 and more, rows 12 px off at most 0.44
 TRUSTED_FRACTION = 0.2  # of the corners agree on one row model; clean pairs 0.5 and more, unrelated ones 0.01
 SOUND_FRACTION = 0.5  # of the thumbnail matches where rows are not far off; then nothing needs aligning
 COARSE_ROW_ERROR_PX = 1.0  # of the thumbnail; rows that are off by more are aligned before matching again
@@ -59,18 +60,20 @@ class Sample:
     Parameters
     ----------
     views : Views
-        Images of one shape and dtype.
+        Images of one shape and dtype. Rows and columns that the masks exclude in both images are cut off first, so that
+        padding changes no fact.
     given_range : DisparityRange, optional
         Range of disparities given with the pair.
     """
 
     def __init__(self, views: Views, given_range: DisparityRange | None = None) -> None:
-        self.views = views
+        self.full_shape = views.shape
+        self.origin, self.views = _without_padding(views)
         self.given_range = given_range
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Rows and columns of the part that is measured."""
         return self.views.shape
 
     @property
@@ -154,7 +157,7 @@ class Sample:
         Corners are tracked from the coarse match; where few agree on one row model, as with rows that are far off,
         features are matched over the whole image, which takes ten times as long.
         """
-        if self.first_coarse is not None:
+        if self.first_coarse is not None and self.first_coarse.valid_fraction >= TRACKABLE_FRACTION:
             matches, corners = track_corners(*self.gray8, self.first_coarse)
             tracked = FeatureMatches(matches, corners, corners, fit_rows(matches, self.shape))
             if tracked.agreeing_fraction >= TRUSTED_FRACTION:
@@ -207,6 +210,17 @@ class Sample:
         else:
             low, high = (round(fraction * self.shape[1]) for fraction in SEARCH)
         return coarse_match(self.gray8[0], right, low, high)
+
+
+def _without_padding(views: Views) -> tuple[tuple[int, int], Views]:
+    """Return the first row and column that a mask allows, and the views from there to the last."""
+    masks = [mask for mask in (views.left_mask, views.right_mask) if mask is not None]
+    if len(masks) < 2 or not (used := masks[0] | masks[1]).any():
+        return (0, 0), views
+    rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
+    part = (slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1))
+    left, right = (cast(Image, np.ascontiguousarray(image[part])) for image in (views.left, views.right))
+    return (part[0].start, part[1].start), Views(left, right, masks[0][part], masks[1][part])
 
 
 def _eight(plane: Any) -> Gray:
