@@ -13,7 +13,7 @@ from modules.types import Correspondences
 
 GRID = 4  # the coverage counts cells of a 4 x 4 grid
 CELL_MATCHES = 3
-MODEL_ERROR_PX = 0.03  # real rectifications are not quite of this shape
+MODEL_ERROR_PX = 0.05  # real rectifications are not quite of this shape
 
 
 class RowAlignment(FactModel):
