@@ -10,7 +10,10 @@ import typer
 
 from expert.cli.rule_common import is_shipped, load, words
 from expert.engine import make_engine
+from expert.facts import Fact
 from expert.redecide import Redecision, read_records, redecide
+from expert.rules.cases import facts_of, read_cases
+from expert.rules.counterexample import Counterexample, counterexamples
 from expert.rules.diff import rule_differences
 from expert.rules.load import LoadedRules
 
@@ -25,16 +28,25 @@ def diff(
         Optional[Path],  # noqa: UP045  typer reads the annotation at run time on Python 3.10
         typer.Option("--records", help="Folder of decision records to decide again with both."),
     ] = None,
+    cases: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--cases", help="Directory of the case files of A and B; examples begin with their facts."),
+    ] = None,
     form: Annotated[Literal["text", "json"], typer.Option("--format", help="How to write it.")] = "text",
 ) -> None:
-    """Say what changed in meaning from A to B; leave with 1 when recorded decisions change or cannot be read."""
+    """Say what changed in meaning from A to B, with facts on which a rule does something else.
+
+    Leave with 1 when recorded decisions change or cannot be read.
+    """
     before, after = _side(old, alone), _side(new, alone)
     differences = rule_differences(before.base, after.base, words())
+    examples = _examples(before, after, cases)
     decisions, problems = _redecide(records, before, after) if records else ([], [])
     changed = [item for item in decisions if item.changes]
     if form == "json":
         data = {
             "rules": [item.as_dict() for item in differences],
+            "examples": [item.as_dict() for item in examples],
             "decisions": [
                 {"file": item.file, "pair": item.pair, "changes": item.changes, "not_measured": item.unknown}
                 for item in decisions
@@ -47,12 +59,25 @@ def diff(
             typer.echo(str(item))
         if not differences:
             typer.echo("no difference in meaning")
+        for example in examples:
+            typer.echo(str(example))
         if records:
             _tell(decisions, changed)
     for problem in problems:
         typer.echo(problem, err=True)
     if changed or problems:
         raise typer.Exit(1)
+
+
+def _examples(before: LoadedRules, after: LoadedRules, folder: Path | None) -> list[Counterexample]:
+    """Look for facts on which changed rules do something else, beginning with those of the cases."""
+    vocabulary = words()
+    given: dict[str, list[frozenset[Fact]]] = {}
+    for side in (before, after):
+        for place in (None, folder) if folder else (None,):
+            for file in read_cases(side.merged, vocabulary, place)[0]:
+                given.setdefault(file.rule, []).extend(facts_of(case) for case, _ in file.cases)
+    return counterexamples(before.base, after.base, vocabulary, make_engine("compiled", vocabulary), given)
 
 
 def _side(path: Path, alone: bool) -> LoadedRules:

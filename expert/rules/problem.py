@@ -7,10 +7,25 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Literal
 
+MAX_TEXT = 1000  # characters of a message, which may quote what a file holds
+
+
+def printable(text: str) -> str:
+    r"""Return a text as it may be shown on a terminal: control and direction characters escaped, not endless.
+
+    Examples
+    --------
+    >>> print(printable("a\tb"))
+    a\tb
+    """
+    if not text.isprintable():
+        text = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)
+    return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
+
 
 @dataclass(frozen=True, order=True)
 class Problem:
-    """One problem at one place of a file; line and column count from 1."""
+    """One problem at one place of a file; line and column count from 1. Texts are made printable."""
 
     file: str
     line: int
@@ -19,6 +34,10 @@ class Problem:
     message: str
     hint: str = ""
     level: Literal["error", "warning"] = "error"
+
+    def __post_init__(self) -> None:
+        for name in ("message", "hint"):
+            object.__setattr__(self, name, printable(getattr(self, name)))
 
     def __str__(self) -> str:
         """Write it as `file:line:column: code: message; hint`."""

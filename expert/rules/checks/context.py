@@ -167,10 +167,10 @@ class RuleScope:
         found: list[Use] = []
         for condition, path in self.comparisons:
             for value, where in values_of(condition, path):
-                found += _operands(value, where, True)
+                found += operands_in(value, where, True)
         for action, path in self.actions:
             for value, where in parameters_of(action, path):
-                found += _operands(value, where, False)
+                found += operands_in(value, where, False)
         return tuple(found)
 
     def problem(self, path: Path, code: str, message: str, hint: str = "") -> Problem:
@@ -211,11 +211,12 @@ def parameters_of(action: Action, path: Path) -> Iterator[tuple[Any, Path]]:
         yield action.to, (*path, "to")
 
 
-def _operands(operand: Any, path: Path, inside: bool) -> Iterator[Use]:
+def operands_in(operand: Any, path: Path, inside: bool) -> Iterator[Use]:
+    """Yield an operand, and those inside it when it is a calculation."""
     yield Use(operand, path, inside)
     if isinstance(operand, Calculation) and one_operation(operand):
         for item, where in parts_of(operand, path):
-            yield from _operands(item, where, inside)
+            yield from operands_in(item, where, inside)
 
 
 def one_operation(calculation: Calculation) -> bool:
@@ -249,13 +250,15 @@ def thresholds_in(rule: Rule) -> set[str]:
             for value, where in values_of(condition, path):
                 found |= {
                     use.operand.threshold
-                    for use in _operands(value, where, True)
+                    for use in operands_in(value, where, True)
                     if isinstance(use.operand, ThresholdRef)
                 }
     for index, action in enumerate(rule.then):
         for value, where in parameters_of(action, ("then", index)):
             found |= {
-                use.operand.threshold for use in _operands(value, where, True) if isinstance(use.operand, ThresholdRef)
+                use.operand.threshold
+                for use in operands_in(value, where, True)
+                if isinstance(use.operand, ThresholdRef)
             }
     return found
 
