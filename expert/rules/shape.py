@@ -52,7 +52,7 @@ def _resolve(loc: tuple[str | int, ...], data: Any) -> tuple[Path, bool]:
     path: list[str | int] = []
     tag_next = False
     for part in loc:
-        if isinstance(part, str) and "[" in part:
+        if isinstance(part, str) and "[" in part and not (isinstance(data, dict) and part in data):
             if part.startswith("list[") != isinstance(data, list):
                 return tuple(path), True
             tag_next = True
@@ -163,7 +163,7 @@ def validate(layer: Layer, model: type[_M], data: Any, path: Path, subject: str)
                 layer.complain(full[:-1] if missing else full, code, f"{where}: {said[0]}", said[1])
             elif item["type"] == "missing":
                 layer.complain(full[:-1], "missing-key", f"{where}: {_field_name(inner)} is missing", "add it")
-            elif item["type"] == "extra_forbidden":
+            elif item["type"] == "extra_forbidden" and inner:
                 known = _siblings(model, data, inner)
                 layer.complain(
                     full, "unknown-key", f"{where}: unknown key {_field_name(inner)}",
@@ -259,6 +259,35 @@ def _read_slots(layer: Layer, data: Any) -> None:
                 layer.slots.setdefault((stage, slot.slot), (slot, path))
 
 
+_STAND_INS = {"name": "unnamed", "because": "the reason is missing", "references": ["none"]}
+
+
+def _sound_part(item: Any) -> Rule | None:
+    """Return a rule without its faults, if none is in its conditions, so that the rest of it is checked, too."""
+    try:
+        Rule.model_validate(item, strict=True)
+    except ValidationError as error:
+        faulty = [found["loc"] for found in error.errors(include_url=False)]
+    except RecursionError:
+        return None
+    keys = {str(loc[0]) for loc in faulty if loc}
+    if not isinstance(item, dict) or not keys or keys & {"id", "stage", "when"}:
+        return None
+    patched = {key: value for key, value in item.items() if key not in keys}
+    patched.update({key: value for key, value in _STAND_INS.items() if key in keys})
+    if "then" in keys and isinstance(item.get("then"), list):
+        wrong = {loc[1] for loc in faulty if loc[0] == "then" and len(loc) > 1}
+        patched["then"] = [action for index, action in enumerate(item["then"]) if index not in wrong]
+    empty = not patched.get("then")
+    if empty:
+        patched["then"] = [{"derive": "nothing"}]
+    try:
+        rule = Rule.model_validate(patched, strict=True)
+    except ValidationError:
+        return None
+    return rule.model_copy(update={"then": []}) if empty else rule
+
+
 def _read_rules(layer: Layer, data: Any) -> None:
     for index, item in enumerate(_list(layer, data, ("rules",), "'rules'")):
         path: Path = ("rules", index)
@@ -272,6 +301,7 @@ def _read_rules(layer: Layer, data: Any) -> None:
                     (*path, "id"), "duplicate-id", f"rule id {name} is already used{line}", "give it an id of its own"
                 )
             layer.named_rules.add(name)
+        rule = rule or _sound_part(item)
         if rule is not None:
             layer.rules.setdefault(rule.id, (rule, path))
 

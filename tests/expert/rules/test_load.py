@@ -90,6 +90,22 @@ def test_hostile_input_is_refused_by_name(raw, code):
     assert code in {problem.code for problem in caught.value.problems}
 
 
+def test_a_key_that_looks_like_a_type_is_an_unknown_key(load, good_text):
+    with pytest.raises(RuleFileError) as caught:
+        load(good_text.replace("    references: [measured]\n  - id", "    r[]eferences: [measured]\n  - id"))
+    assert [item.code for item in caught.value.problems] == ["missing-reference", "unknown-key"]
+
+
+def test_what_is_sound_of_a_faulty_rule_is_checked_too(load, good_text):
+    text = good_text.replace("because: Costs that use raw intensity read it as mismatch.", 'because: ""')
+    text = text.replace("{derive: exposure-differs, severity: major}", "{derive: exposure-differs, severity: mayor}")
+    with pytest.raises(RuleFileError) as caught:
+        load(text.replace("field: offset_dn, op: abs_ge", "field: ofset_dn, op: abs_ge"))
+    assert [item.code for item in caught.value.problems] == [
+        "unknown-field", "unknown-value", "missing-rationale",
+    ]  # fmt: skip
+
+
 def test_numbers_are_read_as_people_read_them():
     data = read_document("x.yaml", b'[1, -2, 0.5, 1e3, .5, "1", true, null, text]').data
     assert data == [1, -2, 0.5, 1000.0, 0.5, "1", True, None, "text"]
