@@ -23,7 +23,7 @@ from modules.probe import Probe
 SLOTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "correction": ("align", "defects", "denoise", "sharpness", "radiometry", "local", "masks"),
-        "matching": ("range", "matcher", "consistency", "uniqueness", "speckles", "refine"),
+        "matching": modules.matching.SLOTS,
         "reconstruction": modules.reconstruction.SLOTS,
     }
 )

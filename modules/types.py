@@ -135,6 +135,9 @@ class Disparity:
         Predicted standard deviation of the disparity, px.
     right_px : float32 (H, W) or None
         Disparity of the right image (same sign convention, indexed by right column), for consistency checks.
+    excess : float32 (H, W) or None
+        How much the second best cost exceeds the best one, relative to it, where the matcher knows; NaN where the cost
+        is flat. Evidence for the confidence, not a probability.
     """
 
     disparity_px: FloatImage
@@ -142,6 +145,7 @@ class Disparity:
     confidence: FloatImage | None = None
     sigma_px: FloatImage | None = None
     right_px: FloatImage | None = None
+    excess: FloatImage | None = None
 
     @property
     def valid(self) -> Mask:
@@ -163,11 +167,16 @@ class Disparity:
 
 @dataclass(frozen=True)
 class Matching:
-    """State of the matching stage: what its operators take and return."""
+    """State of the matching stage: what its operators take and return.
+
+    `filled` is a product beside the disparity, for display: its filled pixels have a value, `Invalid.FILLED` and no
+    confidence. Nothing is reconstructed from it.
+    """
 
     views: Views
     range_px: DisparityRange | None = None
     disparity: Disparity | None = None
+    filled: Disparity | None = None
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,7 @@ def assemble(
     disparity: FloatImage,
     right_px: FloatImage | None,
     reject_range_border: bool,
-    confidence: FloatImage | None = None,
+    excess: FloatImage | None = None,
     reasons: NDArray[np.uint16] | None = None,
 ) -> Matching:
     """Turn raw disparities into the product: every pixel without a disparity gets its reason.
@@ -196,7 +196,8 @@ def assemble(
         Raw disparities of the right image.
     reject_range_border : bool
         Reject also the pixels whose best disparity is the first or last of the range.
-    confidence : float32 (H, W) or None
+    excess : float32 (H, W) or None
+        Of the second best cost over the best one.
     reasons : uint16 (H, W) or None
         Flags of pixels that the matcher itself rejects.
     """
@@ -225,7 +226,7 @@ def assemble(
     clean[flags != 0] = np.nan
     if right_px is not None and views.right_mask is not None:
         right_px = np.where(views.right_mask, right_px, np.float32(np.nan)).astype(np.float32)
-    return replace(state, disparity=Disparity(clean, flags, confidence=confidence, right_px=right_px))
+    return replace(state, disparity=Disparity(clean, flags, right_px=right_px, excess=excess))
 
 
 def _within(values: FloatImage, low: float, high: float) -> Mask:

@@ -22,10 +22,6 @@ from modules.types import DisparityRange, FloatImage, Invalid, Matching
 LARGEST_COST = 36.0  # costs are cut off here: two unrelated windows seldom differ by more, bits of census
 LEVELS = 255  # path costs are bytes: the largest cost and the largest penalty together
 MOST_LEVELS_PER_BIT = 6.0  # more tell nothing
-# Probability that the error is below 1 px as a function of the relative excess e of the second best cost, fitted to
-# pairs with known truth (non-occluded pixels): 1 - (1 - CONFIDENCE_FLOOR) exp(-e / CONFIDENCE_SCALE).
-CONFIDENCE_FLOOR = 0.2
-CONFIDENCE_SCALE = 0.24
 CURVES = {"parabola": 0, "equiangular": 1, "intensity": 2}  # as the kernels number them
 NAME = "matching.semi_global_match"
 
@@ -170,9 +166,9 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     Returns
     -------
     Matching
-        With disparity float32 (H, W), NaN where invalid, its reasons, a confidence that rises with the excess of the
-        second best cost, and the disparity of the right image from the same costs. Where the cost does not depend on
-        the disparity the reason is `Invalid.FLAT_MINIMUM`.
+        With disparity float32 (H, W), NaN where invalid, its reasons, the excess of the second best cost, and the
+        disparity of the right image from the same costs. Where the cost does not depend on the disparity the reason is
+        `Invalid.FLAT_MINIMUM`.
 
     Raises
     ------
@@ -202,9 +198,8 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     found = match_gray(left, right, search, params)
     flat = np.isnan(found.ratio)
     reasons = np.where(flat, np.uint16(Invalid.FLAT_MINIMUM), np.uint16(0)).astype(np.uint16)
-    excess = np.maximum(np.where(flat, 1.0, found.ratio) - 1.0, 0.0)
-    confidence = (1.0 - (1.0 - CONFIDENCE_FLOOR) * np.exp(-excess / CONFIDENCE_SCALE)).astype(np.float32)
-    return assemble(state, found.disparity, found.right_px, params.reject_range_border, confidence, reasons)
+    excess = np.maximum(found.ratio - np.float32(1.0), np.float32(0.0))
+    return assemble(state, found.disparity, found.right_px, params.reject_range_border, excess, reasons)
 
 
 OPERATOR = Operator(

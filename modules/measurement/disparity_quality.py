@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from modules.primitives.agreement import gather_evidence
+from modules.primitives.confidence import predict_confidence
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Disparity, DisparityRange, FloatImage, Image, Invalid, Mask, Matching, dn_scale
 
@@ -16,6 +18,11 @@ SPECKLE_PX = 50  # largest area of an island counted as speckle
 NOISE_DN = 2.0  # local contrast below this is noise
 BORDER_PX = 1.0  # distance to an end of the range that counts as its border
 SUPPORT_CORRELATION = 0.5  # least local correlation of a pixel whose match is supported by the images
+ROW_STEP = 2  # the agreement with the images is measured on every second row of larger images
+LEAST_ROWS = 240  # smaller images are measured whole
+STEP_PX = 1.0  # a larger difference of neighbouring disparities is a step
+EDGE_DN = 4.0  # least horizontal gradient of an edge of the image, per px
+EDGE_REACH_PX = 2  # an edge of the image lies at most this far from the step that it explains
 SIGN_WIDTH_PX = 240  # width of the reduced pair on which the sign is tested
 SIGN_DENSITY = 0.5  # the sign is tested only below this density
 SIGN_RATIO = 2.0  # suspect when the opposite sign matches this many times more pixels
@@ -60,6 +67,15 @@ class DisparityQuality(FactModel):
     outside_fraction: float = quantity(
         "share of the usable pixels whose match would lie outside the right image", ge=0, le=1, resolution=1e-4
     )
+    low_confidence_fraction: float = quantity(
+        "share of the usable pixels rejected because they are more likely wrong than right", ge=0, le=1, resolution=1e-4
+    )
+    unsuitable_fraction: float = quantity(
+        "share of the usable pixels rejected as textureless, saturated or of a flat minimum",
+        ge=0,
+        le=1,
+        resolution=1e-4,
+    )
     no_match_fraction: float = quantity(
         "share of the usable pixels for which the matcher gave nothing", ge=0, le=1, resolution=1e-4
     )
@@ -77,15 +93,29 @@ class DisparityQuality(FactModel):
         resolution=1e-4,
         default=None,
     )
-    confidence_mean: float | None = quantity(
-        "mean predicted confidence of the valid pixels, where the matcher predicts one",
+    unsupported_step_fraction: float | None = quantity(
+        "share of the disparity steps of more than 1 px that have no edge of the image beside them",
+        ge=0,
+        le=1,
+        resolution=1e-3,
+        default=None,
+    )
+    confidence_mean: float = quantity(
+        "mean probability of the valid pixels to be right within 1 px; 0 where none is valid",
         ge=0,
         le=1,
         resolution=1e-4,
-        default=None,
+    )
+    confidence_low_decile: float = quantity(
+        "confidence that a tenth of the valid pixels stays below; 0 where none is valid", ge=0, le=1, resolution=1e-3
     )
     sign_suspect: bool = quantity("few pixels match, and many more with disparities of the opposite sign")
-    score: float = quantity("no-reference score to order trials of one pair, 1 best", ge=0, le=1, resolution=1e-4)
+    score: float = quantity(
+        "no-reference score: expected share of the usable pixels that have a disparity right within 1 px",
+        ge=0,
+        le=1,
+        resolution=1e-4,
+    )
 
 
 def gray_dn(image: Image) -> FloatImage:
@@ -151,6 +181,24 @@ def photometric_agreement(left: Image, right: Image, disparity: FloatImage) -> t
     return residual, float(np.mean(correlation[textured] >= SUPPORT_CORRELATION))
 
 
+def unsupported_steps(left: Image, disparity: FloatImage) -> float | None:
+    """Return the share of the steps along the rows that have no edge of the image beside them, None without steps."""
+    with np.errstate(invalid="ignore"):
+        step = np.abs(np.diff(disparity, axis=1)) > STEP_PX
+    if not step.any():
+        return None
+    slope = np.abs(cv2.Sobel(gray_dn(left), cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8))
+    strongest = cv2.dilate(slope, np.ones((1, 2 * EDGE_REACH_PX + 1), np.uint8))
+    return float(np.mean(np.maximum(strongest[:, 1:], strongest[:, :-1])[step] < EDGE_DN))
+
+
+def confidence_of(state: Matching, disparity: Disparity) -> FloatImage:
+    """Return the confidence that an operator has predicted, or predict it."""
+    if disparity.confidence is not None:
+        return disparity.confidence
+    return predict_confidence(gather_evidence(state.views.left, state.views.right, disparity))
+
+
 def small_islands(disparity: FloatImage) -> int:
     """Count the valid pixels in 4-connected islands of at most 50 px whose neighbours differ by at most 1 px."""
     valid = np.isfinite(disparity)
@@ -211,8 +259,9 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
 
     Notes
     -----
-    The score is density times support times the share free of range borders and speckle. It orders trials of the same
-    pair; it is no probability and not comparable between pairs.
+    The score is the expected share of the usable pixels that have a disparity right within 1 px: the sum of the
+    confidence over the valid pixels. It orders trials of one pair, whatever matcher made them
+    (`benchmarks/quality_score.py`).
 
     References
     ----------
@@ -234,35 +283,39 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
         return flags
 
     lower, upper = ends_of_range(disparity, state.range_px)
-    border = share(lower | upper | flagged(Invalid.RANGE_BORDER))
     speckle = min(share(flagged(Invalid.SPECKLE)) + small_islands(disparity.disparity_px) / total, 1.0)
-    residual, supported = photometric_agreement(views.left, views.right, disparity.disparity_px)
+    rows = slice(None, None, ROW_STEP if views.shape[0] >= LEAST_ROWS else 1)
+    thinned = np.ascontiguousarray(disparity.disparity_px[rows])
+    residual, supported = photometric_agreement(views.left[rows], views.right[rows], thinned)
     density = share(valid)
     suspect = (
         state.range_px is not None
         and density < SIGN_DENSITY
         and opposite_sign_matches(views.left, views.right, state.range_px)
     )
-    confidence = None
-    if disparity.confidence is not None and valid.any():
-        confidence = float(np.clip(np.mean(disparity.confidence[valid], dtype=np.float64), 0.0, 1.0))
-    score = density * (supported if supported is not None else 0.5) * (1.0 - border) * (1.0 - speckle)
+    confidence = np.clip(confidence_of(state, disparity)[valid], 0.0, 1.0)
+    expected = float(np.sum(confidence, dtype=np.float64))
+    decile = float(np.partition(confidence, confidence.size // 10)[confidence.size // 10]) if confidence.size else 0.0
     return [
         DisparityQuality(
             density_fraction=density,
             left_right_rejected_fraction=share(flagged(Invalid.LEFT_RIGHT)),
             not_unique_fraction=share(flagged(Invalid.NOT_UNIQUE)),
-            range_border_fraction=border,
+            range_border_fraction=share(lower | upper | flagged(Invalid.RANGE_BORDER)),
             lower_border_fraction=share(lower),
             upper_border_fraction=share(upper),
             speckle_fraction=speckle,
             outside_fraction=share(flagged(Invalid.OUTSIDE)),
+            low_confidence_fraction=share(flagged(Invalid.LOW_CONFIDENCE)),
+            unsuitable_fraction=share(flagged(Invalid.TEXTURELESS | Invalid.SATURATED | Invalid.FLAT_MINIMUM)),
             no_match_fraction=share(flagged(Invalid.NO_MATCH)),
             photometric_residual_dn=residual,
             supported_fraction=supported,
-            confidence_mean=confidence,
+            unsupported_step_fraction=unsupported_steps(views.left[rows], thinned),
+            confidence_mean=expected / max(confidence.size, 1),
+            confidence_low_decile=decile,
             sign_suspect=suspect,
-            score=float(np.clip(score, 0.0, 1.0)),
+            score=min(expected / total, 1.0),
         )
     ]
 

@@ -113,6 +113,12 @@ def synthetic_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision
     yield system.reconstruct(StereoPair(*plane(texture(4, sigma_px=12.0), 10))).decision
     yield system.reconstruct(StereoPair(left, right, calibration=CAMERA)).decision
     yield system.reconstruct(StereoPair(left, right, calibration=CAMERA, attitude=Attitude(0.0, 0.7, 0.0))).decision
+    source = np.random.default_rng(0)
+    hidden = [np.clip(x + source.normal(0, 70, x.shape), 0, 255).astype(np.uint8) for x in plane(texture(1, 2.5), 12)]
+    yield system.reconstruct(StereoPair(hidden[0], hidden[1], disparity_range_px=(0, 32))).decision
+    wave = 128 + 60 * np.sin(np.arange(WIDTH + 12) / 2.0)
+    grating = np.rint(np.tile(wave, (HEIGHT, 1))).astype(np.uint8)
+    yield system.decide(StereoPair(grating[:, :WIDTH], grating[:, 12:], disparity_range_px=(0, 32)))
     wide = Calibration(250.0, 160.0, 120.0, 60.0, WIDTH, HEIGHT)
     yield system.reconstruct(StereoPair(left, right, calibration=wide, attitude=Attitude())).decision
     partly = right.copy()

@@ -252,14 +252,13 @@ def test_every_cost_finds_a_shift(cost: str, paths: int) -> None:
     assert np.mean(np.abs(found.disparity_px[:, 10:] - 5) < 0.5) > 0.95
 
 
-def test_confidence_is_a_probability_and_right_and_left_agree() -> None:
+def test_the_second_best_cost_exceeds_the_best_and_right_and_left_agree() -> None:
     state = semi_global_match(Matching(random_pair(), DisparityRange(0, 12)), SemiGlobalMatchParams())
     assert state.disparity is not None
-    confidence = state.disparity.confidence
-    assert confidence is not None
-    assert confidence.min() >= 0
-    assert confidence.max() <= 1
-    assert confidence[state.disparity.valid].mean() > 0.9
+    excess = state.disparity.excess
+    assert excess is not None
+    assert excess[state.disparity.valid].min() >= 0
+    assert np.median(excess[state.disparity.valid]) > 0.5
     checked = check_left_right(state, CheckLeftRightParams()).disparity
     assert checked is not None
     assert checked.valid.mean() > 0.9

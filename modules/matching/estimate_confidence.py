@@ -1,0 +1,74 @@
+"""Predict how far each disparity can be trusted, and reject those that cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from modules.matching.common import require_disparity
+from modules.operator import Cost, Operator, OperatorParams
+from modules.primitives.agreement import gather_evidence
+from modules.primitives.confidence import predict_confidence, predict_sigma_px
+from modules.types import Invalid, Matching
+
+
+class EstimateConfidenceParams(OperatorParams):
+    """Parameters of `estimate_confidence`."""
+
+    least: float = Field(
+        0.5, ge=0.0, le=1.0, description="Pixels less likely than this to be right within 1 px are rejected; 0: none"
+    )
+
+
+def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Matching:
+    """Predict the probability that each disparity is right within 1 px and its standard deviation; reject the unlikely.
+
+    The evidence is what any matcher leaves: correlation and misfit of the two images around the pixel and its match,
+    texture, agreement with the disparity of the match, the excess of the second best cost where the matcher knows it,
+    the neighbouring disparities, and all of these over the map as a whole. On two images that do not belong together
+    the map as a whole speaks against every pixel.
+
+    Parameters
+    ----------
+    state : Matching
+        With a disparity; the images are those that were matched.
+    params : EstimateConfidenceParams
+
+    Returns
+    -------
+    Matching
+        With `confidence` float32 (H, W), 0 where there is no disparity, and `sigma_px` float32 (H, W), NaN there;
+        rejected pixels carry `Invalid.LOW_CONFIDENCE` and keep both.
+
+    Raises
+    ------
+    OperatorError
+        If no matcher has run.
+
+    Notes
+    -----
+    `sigma_px` describes pixels whose match is right; whether it is, the confidence says. A pattern that repeats along
+    the rows agrees with the images at several disparities: use `check_uniqueness` there.
+
+    References
+    ----------
+    X. Hu and P. Mordohai, A quantitative evaluation of confidence measures for stereo vision, IEEE TPAMI 34(11), 2012.
+    """
+    disparity = require_disparity(state, "matching.estimate_confidence")
+    evidence = gather_evidence(state.views.left, state.views.right, disparity)
+    confidence = predict_confidence(evidence)
+    known = replace(disparity, confidence=confidence, sigma_px=predict_sigma_px(evidence))
+    return replace(state, disparity=known.reject(confidence < np.float32(params.least), Invalid.LOW_CONFIDENCE))
+
+
+OPERATOR = Operator(
+    name="matching.estimate_confidence",
+    slot="confidence",
+    params=EstimateConfidenceParams,
+    function=estimate_confidence,
+    cost=Cost(fixed_ms=0.5, ns_per_pixel=70.0),
+    summary="Predict for each pixel whether its disparity is right and how exact, and reject the unlikely ones.",
+    suits="After all checks; empties maps of images that do not belong together.",
+)

@@ -1,0 +1,82 @@
+"""From evidence to the probability that a disparity is right, and to its standard deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from modules.primitives import confidence_tables as tables
+from modules.primitives.agreement import LAST_CODE, UNKNOWN, Evidence
+from modules.types import FloatImage
+
+SAMPLE_STEP = 3  # the mean evidence of a map is taken over every third row and column
+
+
+@dataclass(frozen=True)
+class Table:
+    """Contribution of one kind of evidence: values at nodes, linear between them, and where it is unknown."""
+
+    nodes: Sequence[float]
+    values: Sequence[float]
+    unknown: float = 0.0
+
+    def at(self, value: float | None) -> float:
+        """Return the contribution of one value, None where it is unknown."""
+        return self.unknown if value is None else float(np.interp(value, self.nodes, self.values))
+
+    def by_code(self) -> FloatImage:
+        """Return the contribution of every code, float32 (256,)."""
+        found = np.interp(np.arange(256), self.nodes, self.values).astype(np.float32)
+        found[UNKNOWN] = self.unknown
+        return found
+
+
+def map_evidence(evidence: Evidence) -> dict[str, float | None]:
+    """Return the mean code of every kind over the map, None where it is unknown, and the density, 0 to 1."""
+    step = (slice(SAMPLE_STEP // 2, None, SAMPLE_STEP),) * 2
+    valid = evidence.valid[step]
+    found: dict[str, float | None] = {"density": evidence.density}
+    for kind, codes in evidence.codes.items():
+        known = codes[step][valid]
+        known = known[known <= LAST_CODE]
+        found[kind] = float(known.mean()) if known.size else None
+    return found
+
+
+def predict_confidence(evidence: Evidence) -> FloatImage:
+    """Return the probability that the error is below 1 px, float32 (H, W), 0 where there is no disparity.
+
+    The log odds are a sum of one table per kind of evidence at the pixel, and one per kind over the whole map: the same
+    pixel is less credible in a map that agrees with the images nowhere else.
+
+    Notes
+    -----
+    The tables are fitted by `benchmarks/calibrate_confidence.py`, which also shows how far they hold for scenes that
+    they were not fitted to.
+    """
+    whole = map_evidence(evidence)
+    constant = tables.CONSTANT + sum(Table(*table).at(whole[kind]) for kind, table in tables.MAP.items())
+    odds = _sum(evidence, tables.PIXEL, constant)
+    confidence = np.float32(1.0) / (np.float32(1.0) + np.exp(-odds))
+    return np.where(evidence.valid, confidence, np.float32(0.0)).astype(np.float32)
+
+
+def predict_sigma_px(evidence: Evidence) -> FloatImage:
+    """Return the standard deviation of right disparities, px, float32 (H, W), NaN where there is none."""
+    if bool((evidence.codes["excess"] != UNKNOWN).any()):
+        logarithm = _sum(evidence, tables.SIGMA, tables.SIGMA_CONSTANT)
+    else:
+        logarithm = _sum(evidence, tables.SIGMA_WITHOUT_EXCESS, tables.SIGMA_CONSTANT_WITHOUT_EXCESS)
+    return np.where(evidence.valid, np.exp2(logarithm), np.float32(np.nan)).astype(np.float32)
+
+
+def _sum(
+    evidence: Evidence, kinds: Mapping[str, tuple[tuple[float, ...], tuple[float, ...], float]], constant: float
+) -> FloatImage:
+    total = np.full(evidence.valid.shape, np.float32(constant))
+    for kind, table in kinds.items():
+        cv2.add(total, cv2.LUT(evidence.codes[kind], Table(*table).by_code()), dst=total)
+    return total
