@@ -15,7 +15,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-causes bench-facts bench-inference bench-field bench-ground-plane mutation schema fmt lock wheel clean bench-terrain
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-score calibrate-confidence bench-causes bench-facts bench-inference bench-field bench-ground-plane mutation schema fmt lock wheel clean bench-terrain
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -98,6 +98,11 @@ bench-pandora: build/pandora/bin/pandora  ## Install CNES Pandora into an enviro
 build/pandora/bin/pandora:
 	@mkdir -p build && $(PYTHON) -m venv build/pandora
 	@build/pandora/bin/python -m pip install -qq --disable-pip-version-check pandora==1.9.0 pandora-plugin-libsgm==1.5.8
+bench-score: $(STAMP)  ## Measure the no-reference score: picking among configurations, scenes left out (needs TERREX_DATA; an hour the first time)
+	@$(BIN)/python -m benchmarks.quality_score $(ARGS)
+
+calibrate-confidence: $(STAMP)  ## Fit the tables of confidence and uncertainty to the runs of bench-score, and write them
+	@$(BIN)/python -m benchmarks.calibrate_confidence --write $(ARGS)
 
 bench-inference: $(STAMP)  ## Measure inference: shipped and generated rules, experta, compiled and CLIPS; growth over 10 000 pairs
 	@$(BIN)/python -m benchmarks.inference
