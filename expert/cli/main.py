@@ -189,6 +189,7 @@ def complete_app() -> typer.Typer:
     from expert.cli.calibrate import calibrate
     from expert.cli.evaluate import evaluate
     from expert.cli.explain import explain
+    from expert.cli.fuse import fuse
     from expert.cli.log import log
     from expert.cli.replay import replay_command
     from expert.cli.report import report
@@ -200,6 +201,7 @@ def complete_app() -> typer.Typer:
         app.command()(evaluate)
         app.command()(calibrate)
         app.command()(explain)
+        app.command()(fuse)
         app.command("replay")(replay_command)
         app.command()(report)
         app.add_typer(rules_app, name="rules", help="Check, test and explain rule files")
