@@ -140,9 +140,10 @@ def match_padded(
     ]
     fixed = compute(np.asarray(padded[0], np.uint8), np.asarray(padded[1], np.uint8), search.min_px, count)
     fixed = fixed[margin_px : margin_px + rows, before : before + columns]
-    disparity = fixed * np.float32(1.0 / FIXED_POINT_STEPS)
-    disparity[fixed < search.min_px * FIXED_POINT_STEPS] = np.nan
-    return np.asarray(disparity, np.float32)
+    found = fixed >= search.min_px * FIXED_POINT_STEPS
+    return np.where(found, fixed * np.float32(1.0 / FIXED_POINT_STEPS), np.float32(np.nan)).astype(
+        np.float32, copy=False
+    )
 
 
 def match_both(
@@ -214,16 +215,16 @@ def assemble(
     inside_range = _within(disparity, low + inset, high - inset)
     inside_image = _within(across - disparity, -0.5, columns - 0.5)
     flags = np.zeros(disparity.shape, np.uint16) if reasons is None else reasons.copy()
-    flags[missing & (flags == 0)] = Invalid.NO_MATCH
-    flags[~(inside_range | missing)] |= np.uint16(Invalid.RANGE_BORDER)
-    flags[~(inside_image | missing)] |= np.uint16(Invalid.OUTSIDE)
+    flags |= _flag(missing & (flags == 0), Invalid.NO_MATCH)
+    flags |= _flag(~(inside_range | missing), Invalid.RANGE_BORDER)
+    flags |= _flag(~(inside_image | missing), Invalid.OUTSIDE)
     if views.left_mask is not None:
-        flags[~views.left_mask] |= np.uint16(Invalid.MASKED)
+        flags |= _flag(~views.left_mask, Invalid.MASKED)
     if views.right_mask is not None:
         usable, known = at_match(views.right_mask, disparity)
-        flags[known & ~usable] |= np.uint16(Invalid.MASKED)
-    clean = np.clip(disparity, np.float32(low), np.float32(high))
-    clean[flags != 0] = np.nan
+        flags |= _flag(known & ~usable, Invalid.MASKED)
+    clipped = np.clip(disparity, np.float32(low), np.float32(high))
+    clean = np.where(flags == 0, clipped, np.float32(np.nan)).astype(np.float32, copy=False)
     if right_px is not None and views.right_mask is not None:
         right_px = np.where(views.right_mask, right_px, np.float32(np.nan)).astype(np.float32)
     return replace(state, disparity=Disparity(clean, flags, right_px=right_px, excess=excess))
@@ -232,6 +233,11 @@ def assemble(
 def _within(values: FloatImage, low: float, high: float) -> Mask:
     """Return where values lie between two bounds or on them."""
     return np.asarray(cv2.inRange(values, low, high), np.uint8).view(np.bool_)
+
+
+def _flag(where: Mask, reason: Invalid) -> NDArray[np.uint16]:
+    """Return a reason where it holds, else 0; much faster than an assignment through a mask."""
+    return np.multiply(where, np.uint16(reason), dtype=np.uint16)
 
 
 def require_disparity(state: Matching, name: str) -> Disparity:
