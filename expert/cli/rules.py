@@ -16,6 +16,7 @@ from expert.rules.cases import read_cases, run_cases
 from expert.rules.check import as_json, check_rules
 from expert.rules.coverage import coverage
 from expert.rules.explain import sentence
+from expert.rules.layers import written_in
 from expert.rules.load import LoadedRules
 from expert.rules.missing import missing_cases
 from expert.rules.model import STAGES
@@ -135,7 +136,9 @@ def explain(name: Annotated[str, typer.Argument(metavar="ID", help="Id of the ru
 @app.command()
 def show(
     rules: Layers = None,
-    layers: Annotated[bool, typer.Option("--layers", help="Also say which file each rule comes from.")] = False,
+    layers: Annotated[
+        bool, typer.Option("--layers", help="Also say which file each rule, threshold and slot comes from.")
+    ] = False,
     as_data: Annotated[bool, typer.Option("--json", help="Write the merged rule base as JSON.")] = False,
 ) -> None:
     """List the rules that are in force, by stage."""
@@ -145,12 +148,18 @@ def show(
         return
     for stage in STAGES:
         for rule in loaded.base.of_stage(stage):
-            file, line = loaded.positions[rule.id]
-            typer.echo(f"{rule.id}  {stage:<14}  {rule.name}" + (f"  {file}:{line}" if layers else ""))
+            where = f"  {written_in(loaded.merged, 'rules', rule.id)}" if layers else ""
+            typer.echo(f"{rule.id}  {stage:<14}  {rule.name}{where}")
     if layers:
+        for name, threshold in sorted(loaded.base.thresholds.items()):
+            value = f"{threshold.value:g}" + (f" {threshold.unit}" if threshold.unit != "1" else "")
+            typer.echo(f"threshold  {name} = {value}  {written_in(loaded.merged, 'thresholds', name)}")
+        for (stage, slot), (item, _) in loaded.merged.slots.items():
+            typer.echo(f"slot  {stage}.{slot} = {item.default}  {written_in(loaded.merged, 'slots', (stage, slot))}")
         for layer in loaded.merged.layers:
-            for identifier, _ in layer.disable:
-                typer.echo(f"{identifier}  disabled by {layer.document.file}")
+            for identifier, path in layer.disable:
+                line = layer.document.mark(path)[0]
+                typer.echo(f"{identifier}  disabled by {layer.document.file}:{line}")
     typer.echo(f"{len(loaded.base.rules)} rules, digest {loaded.digest}")
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from expert.rules.model import STAGES, Rule, RuleBase, Slot, Stage, Threshold
 from expert.rules.problem import Problem, suggest
@@ -84,3 +85,13 @@ def merge(layers: Sequence[Layer]) -> tuple[Merged, list[Problem]]:
         layers=tuple(layers),
     )
     return merged, problems
+
+
+def written_in(merged: Merged, section: Literal["rules", "thresholds", "findings", "slots"], name: Hashable) -> str:
+    """Say where an item is written, and over which lower ones: `rig.yaml:5, over knowledge/rules.yaml:230`."""
+    places = [
+        f"{layer.document.file}:{layer.document.mark(getattr(layer, section)[name][1])[0]}"
+        for layer in reversed(merged.layers)
+        if name in getattr(layer, section)
+    ]
+    return ", over ".join(places)

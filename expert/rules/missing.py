@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
 
 from expert.facts import Fact, FieldInfo, Scalar, Vocabulary
-from expert.firing import Engine
+from expert.firing import Engine, Firing
 from expert.rules.cases import CaseFile, facts_of
 from expert.rules.checks.context import walk
 from expert.rules.evaluate import Evaluator
@@ -30,6 +30,7 @@ class ProposedCase:
     name: str
     facts: tuple[Fact, ...]
     fires: bool
+    expect: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Write it as an item of a case file."""
@@ -40,7 +41,10 @@ class ProposedCase:
         findings = [_finding(fact) for fact in self.facts if fact.template == "finding"]
         if findings:
             lines.append(f"  findings: {_flow(findings)}")
-        return "\n".join([*lines, f"  fires: {str(self.fires).lower()}"]) + "\n"
+        lines.append(f"  fires: {str(self.fires).lower()}")
+        if self.expect:
+            lines.append(f"  expect: {_flow(dict(self.expect))}")
+        return "\n".join(lines) + "\n"
 
 
 def _flow(value: Any) -> str:
@@ -121,15 +125,28 @@ class _Search:
                 changed = tuple(sorted(moved if item == fact else item for item in facts))
                 unit = "" if info.unit == "1" else f" {info.unit}"
                 name = f"{info.name} of {condition.fact} at its limit {value:g}{unit}"
-                yield ProposedCase(self.rule.id, name, changed, bool(self._firings(changed))), limit
+                firings = self._firings(changed)
+                expect = self._expectation(firings[0]) if firings else {}
+                yield ProposedCase(self.rule.id, name, changed, bool(firings), expect), limit
             return
 
-    def _firings(self, facts: Iterable[Fact]) -> list[dict[str, Fact]]:
-        return [dict(item.bindings) for item in self.engine.infer(self.base, self.rule.stage, facts).firings]
+    def _firings(self, facts: Iterable[Fact]) -> Sequence[Firing]:
+        return self.engine.infer(self.base, self.rule.stage, facts).firings
+
+    def _expectation(self, firing: Firing) -> dict[str, Any]:
+        """Return what a case has to expect of the first action of a firing."""
+        for resolved in firing.actions:
+            action: Any = self.rule.then[resolved.index]
+            found = {resolved.kind: getattr(action, resolved.kind)}
+            found.update({name: getattr(action, name) for name in ("parameter", "severity") if hasattr(action, name)})
+            values = dict(resolved.values)
+            return {**found, **(values if "to" in values else {"with": values} if values else {})}
+        return {}
 
     def _at(self, condition: Comparison, facts: frozenset[Fact]) -> tuple[Fact | None, tuple[Scalar, ...]]:
         """Return the fact that a comparison speaks of in a firing case, and the limits there."""
-        for bindings in self._firings(facts):
+        for firing in self._firings(facts):
+            bindings = dict(firing.bindings)
             candidates = [fact for fact in sorted(facts) if fact.template == condition.fact]
             fact = bindings.get(condition.name) or next(iter(candidates), None)
             if fact is None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
@@ -141,3 +142,17 @@ def test_the_cases_that_are_missing_are_printed_as_items_of_the_case_file(rules,
         stream.write(result.output.partition("should\n")[2])
     result = invoke("test", "COR901", "--rules", rules, "--cases", cases, "--missing")
     assert result.output == "2 cases, 0 failed\nthe cases touch every limit\n"
+
+
+def test_show_says_from_which_layer_each_rule_threshold_and_slot_comes(tmp_path):
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(
+        "thresholds:\n  exposure_dn: {value: 8, unit: dn, because: this rig}\n"
+        "slots:\n  matching:\n    - {slot: refine, default: none, because: this rig}\ndisable: [COR010]\n"
+    )
+    lines = invoke("show", "--layers", "--rules", rig).output.splitlines()
+    shipped = r"knowledge/rules\.yaml:\d+"
+    assert any(re.fullmatch(rf"threshold  exposure_dn = 8 dn  {rig}:2, over {shipped}", line) for line in lines)
+    assert any(re.fullmatch(rf"slot  matching\.refine = none  {rig}:5, over {shipped}", line) for line in lines)
+    assert any(re.fullmatch(rf"MEA001 +measurement +range-not-given +{shipped}", line) for line in lines)
+    assert f"COR010  disabled by {rig}:6" in lines

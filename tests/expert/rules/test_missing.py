@@ -84,3 +84,9 @@ def test_a_limit_that_no_case_can_reach_is_said(proposed):
     quiet = "- {name: quiet, facts: [{fact: brightness, offset_dn: 9.0}], fires: false}"
     _, _, found = proposed(when, quiet)
     assert found == ([], ["COR001, when.1: no firing case can be moved to the limit"])
+
+
+def test_a_proposed_case_that_fires_says_what_to_expect(proposed):
+    _, _, (found, _) = proposed("[{fact: brightness, field: offset_dn, op: le, value: -6}]", FIRING)
+    assert [(case.fires, case.expect) for case in found] == [(True, {"derive": "dark", "severity": "minor"})]
+    assert "  expect: {derive: dark, severity: minor}\n" in str(found[0])
