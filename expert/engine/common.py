@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from operator import attrgetter
 
 from expert.facts import Fact
@@ -23,10 +22,20 @@ def canonical_facts(facts: Iterable[Fact]) -> tuple[Fact, ...]:
 
 def conclusions(rule: Rule, evaluator: Evaluator) -> Callable[[Bindings], tuple[ResolvedAction, ...]]:
     """Return the actions of a rule as a function of its bindings, evaluated only once where they need none."""
-    fixed = evaluator.actions(rule.then, {})
-    if len(fixed) == len(rule.then):
-        return lambda _: fixed
-    return partial(evaluator.actions, rule.then)
+    fixed = [evaluator.action(index, action, {}) for index, action in enumerate(rule.then)]
+    if None not in fixed:
+        known = tuple(action for action in fixed if action is not None)
+        return lambda _: known
+
+    def conclude(bindings: Bindings) -> tuple[ResolvedAction, ...]:
+        found = []
+        for index, action in enumerate(rule.then):
+            resolved = fixed[index] or evaluator.action(index, action, bindings)
+            if resolved is not None:
+                found.append(resolved)
+        return tuple(found)
+
+    return conclude
 
 
 def mentioned(conditions: Sequence[Condition]) -> frozenset[str]:
