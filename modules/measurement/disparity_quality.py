@@ -68,7 +68,7 @@ class DisparityQuality(FactModel):
         "share of the usable pixels whose match would lie outside the right image", ge=0, le=1, resolution=1e-4
     )
     low_confidence_fraction: float = quantity(
-        "share of the usable pixels rejected because they are more likely wrong than right", ge=0, le=1, resolution=1e-4
+        "share of the usable pixels rejected because they are hardly likely to be right", ge=0, le=1, resolution=1e-4
     )
     unsuitable_fraction: float = quantity(
         "share of the usable pixels rejected as textureless, saturated or of a flat minimum",
