@@ -72,5 +72,5 @@ OPERATOR = Operator(
     function=estimate_confidence,
     cost=Cost(fixed_ms=0.5, ns_per_pixel=70.0),
     summary="Predict for each pixel whether its disparity is right and how exact, and reject the unlikely ones.",
-    suits="After all checks; a higher limit trades density for fewer wrong pixels; empties maps of images that do not belong together.",
+    suits="After all checks; a higher limit trades density for fewer wrong pixels. Empties unrelated images.",
 )
