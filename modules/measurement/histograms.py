@@ -25,9 +25,18 @@ class Histogram(FactModel):
     mean_dn: float = quantity("Mean", unit="dn", ge=0, le=255, resolution=0.01)
     std_dn: float = quantity("Standard deviation", unit="dn", ge=0, le=128, resolution=0.01)
     p1_dn: float = quantity("1st percentile", unit="dn", ge=0, le=255, resolution=0.01)
+    p5_dn: float = quantity("5th percentile", unit="dn", ge=0, le=255, resolution=0.01)
     p50_dn: float = quantity("Median", unit="dn", ge=0, le=255, resolution=0.01)
+    p95_dn: float = quantity("95th percentile", unit="dn", ge=0, le=255, resolution=0.01)
     p99_dn: float = quantity("99th percentile", unit="dn", ge=0, le=255, resolution=0.01)
     entropy_bits: float = quantity("Entropy of the 256 levels", unit="bit", ge=0, le=8, resolution=0.001)
+    skewness: float = quantity("Third standardized moment; positive: a tail of bright pixels", resolution=0.001)
+    bimodality: float = quantity(
+        "Sarle's coefficient: 1 for two levels, 0.556 for a flat histogram, 0.333 for a Gaussian",
+        ge=0,
+        le=1,
+        resolution=0.001,
+    )
     occupied_range_dn: float = quantity("99th minus 1st percentile", unit="dn", ge=0, le=255, resolution=0.01)
 
 
@@ -46,16 +55,23 @@ def measure_histograms(sample: Sample) -> list[Histogram]:
 def _describe(side: Side, channel: Channel, counts: Floats) -> Histogram:
     levels = np.arange(len(counts))
     mean = float(counts @ levels / counts.sum())
-    p1, p50, p99 = (float(value) for value in quantiles(counts, np.array([0.01, 0.5, 0.99])))
+    p1, p5, p50, p95, p99 = (float(value) for value in quantiles(counts, np.array([0.01, 0.05, 0.5, 0.95, 0.99])))
+    variance, third, fourth = (float(counts @ (levels - mean) ** power / counts.sum()) for power in (2, 3, 4))
+    spread = max(variance, 1e-9)
+    skewness = third / spread**1.5
     return Histogram(
         side=side,
         channel=channel,
         mean_dn=mean,
-        std_dn=float(np.sqrt(counts @ (levels - mean) ** 2 / counts.sum())),
+        std_dn=float(np.sqrt(variance)),
         p1_dn=p1,
+        p5_dn=p5,
         p50_dn=p50,
+        p95_dn=p95,
         p99_dn=p99,
         entropy_bits=min(entropy_bits(counts), 8.0),
+        skewness=skewness,
+        bimodality=min(1.0, (skewness**2 + 1) * spread**2 / max(fourth, spread**2)),
         occupied_range_dn=p99 - p1,
     )
 

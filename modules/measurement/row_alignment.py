@@ -40,6 +40,9 @@ class RowAlignment(FactModel):
     residual_px: float | None = quantity(
         "Robust standard deviation of the row differences from the fit", unit="px", ge=0, resolution=0.01, default=None
     )
+    rms_px: float | None = quantity(
+        "Root mean square misalignment over the image", unit="px", ge=0, resolution=0.01, default=None
+    )
     max_abs_px: float | None = quantity(
         "Largest misalignment over the image", unit="px", ge=0, resolution=0.01, default=None
     )
@@ -73,6 +76,7 @@ def measure_row_alignment(sample: Sample) -> list[RowAlignment]:
             scale=model.scale,
             sigma_px=float(np.hypot(features.fit.sigma_px, MODEL_ERROR_PX)),
             residual_px=features.fit.residual_px,
+            rms_px=whole.rms_px(sample.full_shape),
             max_abs_px=whole.max_abs_px(sample.full_shape),
         )
     ]

@@ -39,6 +39,12 @@ class RowModel:
         y = np.array([0.0, 0, height - 1, height - 1])
         return float(np.abs(self.rows_below(x, y, shape)).max())
 
+    def rms_px(self, shape: tuple[int, int]) -> float:
+        """Return the root mean square misalignment over an image of `shape`, px."""
+        height, width = shape
+        squares = np.tan(self.roll_rad) ** 2 * (width**2 - 1) + self.scale**2 * (height**2 - 1)
+        return float(np.sqrt(self.offset_px**2 + squares / 12))  # (n^2 - 1) / 12: variance of n equal steps
+
 
 @dataclass(frozen=True)
 class RowFit:

@@ -176,3 +176,17 @@ def test_rows_that_are_far_off_are_found_by_features_over_the_whole_image() -> N
     assert estimate.min_px <= SHIFT_PX < estimate.max_px < 3 * SHIFT_PX
     assert sample.coarse is not None
     assert np.nanmedian(sample.coarse.disparity_px) / sample.coarse.factor == pytest.approx(SHIFT_PX, abs=0.5)
+
+
+def test_the_moments_of_a_histogram_are_those_worked_by_hand() -> None:
+    # Levels 0, 0, 0, 4: mean 1, variance 3, third moment 6, fourth 21.
+    image = np.tile(np.array([[0, 4], [0, 0]], np.uint8).repeat(2, axis=0).repeat(2, axis=1), (8, 8))
+    fact = measure_histograms(Sample(Views(image, image)))[0]
+    assert fact.mean_dn == pytest.approx(1)
+    assert fact.std_dn == pytest.approx(3**0.5)
+    assert fact.skewness == pytest.approx(6 / 3**1.5)
+    assert fact.bimodality == pytest.approx((36 / 27 + 1) * 9 / 21)
+    two = np.where(np.arange(64) % 4 < 2, 50, 200).astype(np.uint8)[None].repeat(32, axis=0)
+    assert measure_histograms(Sample(Views(two, two)))[0].bimodality == pytest.approx(1)
+    ramp = np.arange(256, dtype=np.uint8)[None].repeat(32, axis=0)
+    assert measure_histograms(Sample(Views(ramp, ramp)))[0].bimodality == pytest.approx(5 / 9, abs=0.01)

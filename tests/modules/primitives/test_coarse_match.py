@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from modules.primitives.coarse import coarse_match
 from modules.primitives.features import track_corners
-from modules.primitives.rows import fit_rows
+from modules.primitives.rows import RowModel, fit_rows
 
 SHIFT_PX = 24
 
@@ -84,3 +84,10 @@ def test_corners_of_unrelated_images_do_not_return() -> None:
     left, right = texture(1), texture(2)
     match = coarse_match(left, right, -100, 200)
     assert match is None or len(track_corners(left, right, match)[0]) < 20
+
+
+def test_the_root_mean_square_misalignment_is_that_over_all_pixels() -> None:
+    model, shape = RowModel(0.4, 0.01, -0.005), (30, 50)
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    every = model.rows_below(x, y, shape)
+    assert model.rms_px(shape) == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-9)
