@@ -23,6 +23,7 @@ DISTORTIONS = {
 MATCH = "correction.match_histograms"
 CORRECTIONS = {
     "match_histograms": ((MATCH, {}),),
+    "match_histograms, slope 1.5": ((MATCH, {"slope_limit": 1.5}),),
     "match_histograms, right": ((MATCH, {"reference": "right"}),),
     "match_histograms, midway": ((MATCH, {"reference": "midway"}),),
     "match_histograms, gray": ((MATCH, {"channels": "gray"}),),

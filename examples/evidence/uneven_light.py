@@ -1,6 +1,6 @@
 """Print which correction helps which matcher under vignetting, a lighting gradient and local light.
 
-The evidence behind COR014, COR015 and COR033 to COR035.
+The evidence behind COR014, COR015 and COR033 to COR036 and COR039.
 
     TERREX_DATA=FOLDER python examples/evidence/uneven_light.py [--every 3] [--terrain 2] [--matchers sgbm own block]
 """
@@ -17,6 +17,7 @@ DISTORTIONS = {
     "local": "local",
     "local x0.5": "local x0.5",
     "soft spot": SensorParams(spot_gain=1.8),
+    "vignetting, curve and cast": SensorParams(vignetting=0.4, gamma=(0.9, 1.2, 1.5), cast=(1.1, 1.0, 0.9)),
     "combined": "combined",
 }
 MATCH = ("correction.match_histograms", {})
@@ -31,6 +32,7 @@ CORRECTIONS = {
     "level_gain_field, plane": (("correction.level_gain_field", {"shape": "plane"}),),
     "level_gain_field, quadratic": (("correction.level_gain_field", {"shape": "quadratic"}),),
     "match_histograms, level_gain_field": (MATCH, ("correction.level_gain_field", {"shape": "quadratic"})),
+    "fit_response, level_gain_field, radial": (("correction.fit_response", {}), ("correction.level_gain_field", {})),
     "normalise_local_contrast": (("correction.normalise_local_contrast", {}),),
     "filter_homomorphic": (("correction.filter_homomorphic", {}),),
     "filter_homomorphic, butterworth": (("correction.filter_homomorphic", {"kind": "butterworth"}),),

@@ -81,7 +81,7 @@ OPERATOR = Operator(
     slot="align",
     params=AlignRowsParams,
     function=align_rows,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=90),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=25),
     summary="Warps the right image by a row offset, a roll and a row scale, so that matches lie in one row.",
     suits="Residual vertical misalignment of 0.25 px and more; on aligned pairs it only costs sharpness.",
 )

@@ -134,7 +134,7 @@ OPERATOR = Operator(
     slot="radiometry",
     params=CalibrateSegmentsParams,
     function=calibrate_segments,
-    cost=Cost(fixed_ms=30.0, ns_per_pixel=20),
+    cost=Cost(fixed_ms=24.0, ns_per_pixel=15),
     summary="Fits a gain and an offset to the surfaces beside corresponding edges and undoes them in one image.",
     suits="Exposure differences of scenes with clear edges, contents that differ included; not response curves.",
 )

@@ -64,7 +64,7 @@ OPERATOR = Operator(
     slot="denoise",
     params=DenoiseBilateralParams,
     function=denoise_bilateral,
-    cost=Cost(fixed_ms=0.5, ns_per_pixel=300),
+    cost=Cost(fixed_ms=0.5, ns_per_pixel=90),
     summary="Smooths both images by a bilateral filter.",
     suits="Noise of several DN on scenes with strong edges; costs weak texture.",
 )

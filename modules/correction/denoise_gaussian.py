@@ -55,7 +55,7 @@ OPERATOR = Operator(
     slot="denoise",
     params=DenoiseGaussianParams,
     function=denoise_gaussian,
-    cost=Cost(fixed_ms=0.5, ns_per_pixel=20),
+    cost=Cost(fixed_ms=0.3, ns_per_pixel=6),
     summary="Smooths both images with a Gaussian.",
     suits="Noise of several DN with a census cost; harms clean pairs and pairs that differ radiometrically.",
 )

@@ -71,7 +71,7 @@ OPERATOR = Operator(
     slot="denoise",
     params=DenoiseNonLocalMeansParams,
     function=denoise_non_local_means,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=2500),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=2100),
     summary="Averages pixels with similar surroundings in both images.",
     suits="Strong noise where time is of no concern; costs weak texture and harms clean pairs.",
 )

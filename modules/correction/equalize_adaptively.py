@@ -63,7 +63,7 @@ OPERATOR = Operator(
     slot="local",
     params=EqualizeAdaptivelyParams,
     function=equalize_adaptively,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=40),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=25),
     summary="Equalizes both images per tile with limited contrast.",
     suits="Weak texture under soft light; harms noisy pairs and raises the error of clean ones.",
 )

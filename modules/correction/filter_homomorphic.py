@@ -98,7 +98,7 @@ OPERATOR = Operator(
     slot="local",
     params=FilterHomomorphicParams,
     function=filter_homomorphic,
-    cost=Cost(fixed_ms=5.0, ns_per_pixel=900),
+    cost=Cost(fixed_ms=2.0, ns_per_pixel=370),
     summary="Weakens slow changes of light in the logarithm of both images and rescales both by one range.",
     suits="Vignetting and soft light with intensity-based costs; amplifies noise in shadows, useless for census.",
 )

@@ -65,7 +65,7 @@ OPERATOR = Operator(
     slot="local",
     params=FilterLaplacianParams,
     function=filter_laplacian,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=60),
+    cost=Cost(fixed_ms=0.5, ns_per_pixel=18),
     summary="Replaces both images by their Laplacian of Gaussian, one scaling for both.",
     suits="Offsets and soft light with weak noise; harms noisy pairs and differences of gain.",
 )

@@ -80,7 +80,7 @@ OPERATOR = Operator(
     slot="radiometry",
     params=FitGainOffsetParams,
     function=fit_gain_offset,
-    cost=Cost(fixed_ms=3.0, ns_per_pixel=15),
+    cost=Cost(fixed_ms=3.0, ns_per_pixel=18),
     summary="Fits a gain and an offset to the quantiles of both images and undoes them in one image.",
     suits="Exposure differences of linear cameras, also with clipping; does not remove response curves or local light.",
 )

@@ -116,7 +116,7 @@ OPERATOR = Operator(
     slot="radiometry",
     params=FitResponseParams,
     function=fit_response,
-    cost=Cost(fixed_ms=18.0, ns_per_pixel=8),
+    cost=Cost(fixed_ms=18.0, ns_per_pixel=35),
     summary="Fits gain, offset and gamma to corresponding points and undoes them in one image.",
     suits="Exposure, response and colour where contents differ or few levels occur; not differences over the image.",
 )

@@ -117,7 +117,7 @@ OPERATOR = Operator(
     slot="local",
     params=LevelGainFieldParams,
     function=level_gain_field,
-    cost=Cost(fixed_ms=12.0, ns_per_pixel=25),
+    cost=Cost(fixed_ms=12.0, ns_per_pixel=38),
     summary="Fits a smooth field of gain between the images and undoes it in one image.",
     suits="Vignetting and lighting gradients of otherwise linear cameras; not shadows, useless for census.",
 )

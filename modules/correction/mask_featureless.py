@@ -61,7 +61,7 @@ OPERATOR = Operator(
     slot="masks",
     params=MaskFeaturelessParams,
     function=mask_featureless,
-    cost=Cost(fixed_ms=0.5, ns_per_pixel=12),
+    cost=Cost(fixed_ms=0.3, ns_per_pixel=4),
     summary="Masks the ground of the left image that has no texture.",
     suits="Wide smooth ground where a wrong height is worse than none; lowers the density.",
 )

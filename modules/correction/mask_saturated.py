@@ -66,7 +66,7 @@ OPERATOR = Operator(
     slot="masks",
     params=MaskSaturatedParams,
     function=mask_saturated,
-    cost=Cost(fixed_ms=0.5, ns_per_pixel=15),
+    cost=Cost(fixed_ms=0.3, ns_per_pixel=4),
     summary="Masks the pixels that are clipped or black in either image.",
     suits="Images clipped differently; masks whole regions of overexposed scenes.",
 )

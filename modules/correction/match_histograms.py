@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from modules.correction._shared import channel_histograms, check_pair, shared_shift_px
 from modules.operator import Cost, Operator, OperatorParams
 from modules.primitives.photometry import apply_tables
-from modules.primitives.statistics import match_levels
+from modules.primitives.statistics import Floats, limit_slope, match_levels
 from modules.types import Views
 
 
@@ -22,6 +21,9 @@ class MatchHistogramsParams(OperatorParams):
         "left", description="Image whose histogram both shall have; midway: the mean of both quantile functions"
     )
     channels: Literal["gray", "each"] = Field("each", description="One luminance map, or one map per colour channel")
+    slope_limit: float = Field(
+        20.0, ge=1.0, le=20.0, description="Largest slope of a map over its slope in the middle of the histogram, 1"
+    )
     common_view: bool = Field(True, description="Take the histograms over the columns that both images see")
 
 
@@ -47,7 +49,9 @@ def match_histograms(views: Views, params: MatchHistogramsParams) -> Views:
     Notes
     -----
     Removes differences of exposure, response curve and, with `channels="each"`, colour; not differences that vary over
-    the image. Mid-bin CDFs make it the identity on equal images.
+    the image. Mid-bin CDFs make it the identity on equal images. A slope limit of 1 to 3 keeps noise in black shadows,
+    where many pixels share few levels, from being spread over many; it also keeps strong curves from being undone
+    there.
 
     References
     ----------
@@ -57,8 +61,8 @@ def match_histograms(views: Views, params: MatchHistogramsParams) -> Views:
     check_pair(views, "correction.match_histograms")
     shift = shared_shift_px(views) if params.common_view else 0
     left, right = channel_histograms(views, shift, params.channels)
-    to_left = [match_levels(b, a) for a, b in zip(left, right, strict=True)]
-    to_right = [match_levels(a, b) for a, b in zip(left, right, strict=True)]
+    to_left = [_table(b, a, params.slope_limit) for a, b in zip(left, right, strict=True)]
+    to_right = [_table(a, b, params.slope_limit) for a, b in zip(left, right, strict=True)]
     if params.reference == "left":
         return views.with_images(views.left, apply_tables(views.right, to_left))
     if params.reference == "right":
@@ -69,7 +73,11 @@ def match_histograms(views: Views, params: MatchHistogramsParams) -> Views:
     )
 
 
-def _halfway(table: NDArray[np.float64]) -> NDArray[np.float64]:
+def _table(source: Floats, reference: Floats, slope_limit: float) -> Floats:
+    return limit_slope(match_levels(source, reference), source, slope_limit)
+
+
+def _halfway(table: Floats) -> Floats:
     return (np.arange(len(table)) + table) / 2
 
 

@@ -112,7 +112,7 @@ OPERATOR = Operator(
     slot="sharpness",
     params=MatchSharpnessParams,
     function=match_sharpness,
-    cost=Cost(fixed_ms=4.0, ns_per_pixel=60),
+    cost=Cost(fixed_ms=4.0, ns_per_pixel=85),
     summary="Blurs the sharper image until both are equally sharp.",
     suits="One image out of focus before costs of raw intensity; it costs the detail of the sharper image.",
 )

@@ -62,7 +62,7 @@ OPERATOR = Operator(
     slot="local",
     params=NormaliseLocalContrastParams,
     function=normalise_local_contrast,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=80),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=35),
     summary="Replaces both images by their locally normalised contrast.",
     suits="Vignetting and lighting gradients with intensity-based costs; amplifies noise, useless for census.",
 )

@@ -74,7 +74,7 @@ OPERATOR = Operator(
     slot="local",
     params=RankLocallyParams,
     function=rank_locally,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=200),
+    cost=Cost(fixed_ms=0.5, ns_per_pixel=75),
     summary="Replaces every pixel of both images by its rank among its neighbours.",
     suits="Hard shadows and local light with intensity-based costs; harms noisy pairs, useless for census.",
 )

@@ -100,7 +100,7 @@ OPERATOR = Operator(
     slot="defects",
     params=RepairStuckPixelsParams,
     function=repair_stuck_pixels,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=120),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=25),
     summary="Replaces hot and dead pixels and stuck lines from their neighbours.",
     suits="Defective sensors; on sound images it costs glints of one pixel.",
 )

@@ -67,7 +67,7 @@ OPERATOR = Operator(
     slot="local",
     params=SubtractBilateralBackgroundParams,
     function=subtract_bilateral_background,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=700),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=340),
     summary="Replaces both images by their difference from a bilateral mean.",
     suits="Offsets and soft local light with intensity-based costs; harms noisy pairs, useless for census.",
 )

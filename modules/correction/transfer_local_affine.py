@@ -108,7 +108,7 @@ OPERATOR = Operator(
     slot="local",
     params=TransferLocalAffineParams,
     function=transfer_local_affine,
-    cost=Cost(fixed_ms=12.0, ns_per_pixel=45),
+    cost=Cost(fixed_ms=12.0, ns_per_pixel=35),
     summary="Gives every region of one image the mean and contrast that the other image has there.",
     suits="Vignetting, lighting gradients, soft shadows and exposure together; useless for census.",
 )

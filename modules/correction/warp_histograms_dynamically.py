@@ -88,7 +88,7 @@ OPERATOR = Operator(
     slot="radiometry",
     params=WarpHistogramsDynamicallyParams,
     function=warp_histograms_dynamically,
-    cost=Cost(fixed_ms=18.0, ns_per_pixel=15),
+    cost=Cost(fixed_ms=17.0, ns_per_pixel=15),
     summary="Warps the histogram of one image onto the other one by dynamic programming and maps its levels along.",
     suits="Exposure, response curve and colour differences; not differences that vary over the image.",
 )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats: TypeAlias = NDArray[np.float64]
 
+LEAST_SLOPE = 0.2  # a map is taken to rise by at least this in its middle, levels per level
 MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
 
@@ -82,6 +83,36 @@ def match_levels(source: Floats, reference: Floats) -> Floats:
     table[:first] = levels[:first] + (mapped[0] - first)
     table[last + 1 :] = levels[last + 1 :] + (mapped[-1] - last)
     return np.clip(table, 0, len(source) - 1)
+
+
+def limit_slope(table: Floats, source: Floats, limit: float) -> Floats:
+    """Return an increasing map whose slope nowhere exceeds a multiple of its slope in the middle.
+
+    Parameters
+    ----------
+    table : float64 (N,)
+        Level of the reference for each level of the source.
+    source : float64 (N,)
+        Histogram of the source.
+    limit : float
+        Largest slope over the mean slope between the 10th and the 90th percentile of the source.
+
+    Notes
+    -----
+    Where an image is clipped or nearly black, many pixels share few levels, and matching their ranks spreads noise of
+    one level over many. The median of the source keeps its place, and levels on both sides are drawn towards it.
+    """
+    levels = np.arange(len(table), dtype=np.float64)
+    cumulated = np.cumsum(source) / max(float(source.sum()), 1.0)
+    low, middle, high = (int(index) for index in np.searchsorted(cumulated, (0.1, 0.5, 0.9)))
+    low, high = min(low, len(table) - 2), min(max(high, low + 1), len(table) - 1)
+    middle = min(middle, len(table) - 1)
+    steepest = limit * max(float(table[high] - table[low]) / (high - low), LEAST_SLOPE)
+    tilted = table - steepest * levels  # never increases where the slope is within the limit
+    limited = np.empty_like(tilted)
+    limited[: middle + 1] = np.maximum.accumulate(tilted[: middle + 1][::-1])[::-1]
+    limited[middle:] = np.minimum.accumulate(tilted[middle:])
+    return np.clip(limited + steepest * levels, 0, len(table) - 1)
 
 
 def wasserstein_1(first: Floats, second: Floats) -> float:

@@ -217,6 +217,9 @@ def before_intensities(
     y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
     for light in (1 - 0.3 * (x**2 + y**2), np.broadcast_to(across, x.shape), np.broadcast_to(shadow, x.shape)):
         yield fast.decide(StereoPair(left, np.clip(right * light, 0, 255).astype(np.uint8)))
+    grey = np.repeat(right[..., None], 3, -1) * (1 - 0.3 * (x**2 + y**2))[..., None]
+    tinted = np.clip(grey * (1.15, 1.0, 0.8), 0, 255).astype(np.uint8)
+    yield fast.decide(StereoPair(np.repeat(left[..., None], 3, -1), tinted))
     yield fast.reconstruct(StereoPair(texture(2)[:, :WIDTH], texture(3)[:, :WIDTH])).decision
     strips = [np.clip(image[:20] * light, 0, 255) for image, light in ((left, across), (right, across[::-1]))]
     yield fast.reconstruct(StereoPair(*(strip.astype(np.uint8) for strip in strips))).decision

@@ -16,6 +16,7 @@ from modules.correction.warp_histograms_dynamically import (
 )
 from modules.operator import OperatorError
 from modules.primitives.histogram_warping import warp_levels
+from modules.primitives.statistics import limit_slope
 from modules.types import Views
 
 
@@ -106,6 +107,26 @@ def test_matching_agrees_with_scikit_image_within_the_step_of_its_levels():
     own = match_histograms(Views(left, right), MatchHistogramsParams(common_view=False)).right
     other = reference_match(right, left)
     assert np.abs(own.astype(int) - other).mean() < 1.0
+
+
+def test_a_limited_map_is_drawn_towards_the_middle():
+    # Slope 1 in the middle, from level 3 on; below, 3 and 4 per level, of which 2 remain; the median keeps its place.
+    table = np.array([0.0, 1, 4, 8, 9, 10, 11, 12, 13, 14, 14, 14, 14, 14, 14])
+    source = np.array([0.0, 0, 1, 10, 10, 10, 10, 10, 10, 10, 0, 0, 0, 0, 0])
+    limited = limit_slope(table, source, 2.0)
+    np.testing.assert_allclose(limited, [2, 4, 6, 8, 9, 10, 11, 12, 13, 14, 14, 14, 14, 14, 14])
+
+
+def test_noise_in_black_shadows_is_not_spread():
+    random = np.random.default_rng(0)
+    left = texture()
+    left[:40] = random.integers(0, 12, (40, 160))  # a shadow in which the left camera still sees something
+    right = np.clip(left.astype(int) - 10, 0, 255).astype(np.uint8)
+    spread = [
+        np.ptp(match_histograms(Views(left, right), MatchHistogramsParams(slope_limit=limit)).right[:40].astype(int))
+        for limit in (1.5, 20.0)
+    ]
+    assert spread[0] < spread[1]
 
 
 def test_equalization_follows_the_formula_of_the_paper():
