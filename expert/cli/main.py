@@ -30,7 +30,7 @@ from expert.cli.pair_options import (
     TimeOption,
     load_pair,
 )
-from expert.cli.terrain_options import DatumOption, ProductsOption, RoverOption
+from expert.cli.terrain_options import DatumOption, MaskOption, ProductsOption, RoverOption
 from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
@@ -87,16 +87,17 @@ def run(
     products: ProductsOption = None,
     rover: RoverOption = None,
     datum: DatumOption = None,
+    mask: MaskOption = None,
 ) -> None:
     """Reconstruct a stereo pair and write the products and the report."""
-    from expert.cli.terrain_options import stated_datum, stated_products, stated_rover
+    from expert.cli.terrain_options import masked, stated_datum, stated_products, stated_rover
     from modules.formats.atomic import check_folder
 
     check_folder(out)
     chosen, place, vehicle = stated_products(products), stated_datum(datum), stated_rover(rover)
     cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
     stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
-    pair = load_pair(left, right, cameras, stated, disparity_range)
+    pair = masked(load_pair(left, right, cameras, stated, disparity_range), mask)
     system = _system(rules, profile, engine, vehicle)
     with _progress() as progress:
         result = system.reconstruct(pair, progress=progress)

@@ -8,7 +8,7 @@ import yaml
 
 from expert.cli import main
 from expert.products import DEFAULT_PRODUCTS, PRODUCTS, Terrain, check_products, product_writers
-from modules.formats import FormatError
+from modules.formats import FormatError, read_validity_png, write_image
 from modules.formats.rover import read_rover
 from modules.types import ElevationMap, Rover
 
@@ -97,6 +97,16 @@ def test_the_command_line_writes_what_is_asked_for(tmp_path, monkeypatch, capsys
     assert yaml.safe_load((tmp_path / "out" / "occupancy.yaml").read_text())["resolution"] == 0.05
     text = capsys.readouterr().out
     assert "assess_traversability" in text
+    hidden = np.full((240, 320), 255, np.uint8)
+    hidden[200:] = 0  # the robot is seen in the lowest rows
+    write_image(tmp_path / "mask.png", hidden)
+    assert run(monkeypatch, "run", *inputs, "--mask", tmp_path / "mask.png", "--out", tmp_path / "masked") == 0
+    validity = read_validity_png(tmp_path / "masked" / "validity.png")
+    assert (validity[200:] != 0).all()
+    assert (validity[150:200] == 0).mean() > 0.5
+    write_image(tmp_path / "small.png", hidden[:100])
+    assert run(monkeypatch, "run", *inputs, "--mask", tmp_path / "small.png", "--out", tmp_path / "no") == 2
+    assert "make the mask on the rectified left image" in capsys.readouterr().err
     assert run(monkeypatch, "run", *inputs, "--products", "mesh.stl", "--out", tmp_path / "no") == 2
     assert "there is no product mesh.stl" in capsys.readouterr().err
     assert run(monkeypatch, "run", *inputs, "--datum", "95", "0", "--out", tmp_path / "no") == 2
