@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypedDict
 from urllib.parse import quote
 
+from expert.rules.checks.catalog import CHECKS
 from expert.rules.problem import Problem
 
 SARIF_VERSION = "2.1.0"
@@ -21,6 +22,8 @@ class _Text(TypedDict):
 class _Rule(TypedDict):
     id: str
     shortDescription: _Text
+    fullDescription: _Text
+    help: _Text
 
 
 def _uri(file: str) -> str:
@@ -46,6 +49,18 @@ def _result(problem: Problem, index: int) -> dict[str, object]:
     }
 
 
+def _rule(code: str) -> _Rule:
+    """Describe a code by what its check says of itself."""
+    short, check = code.replace("-", " "), CHECKS.get(code)
+    reports, why, remedy = (check.reports, check.why, check.remedy) if check else (short, short, short)
+    return {
+        "id": code,
+        "shortDescription": {"text": reports},
+        "fullDescription": {"text": why},
+        "help": {"text": remedy},
+    }
+
+
 def as_sarif(problems: Iterable[Problem]) -> str:
     """Write problems as a SARIF 2.1.0 log with one run; columns count Unicode characters.
 
@@ -55,7 +70,7 @@ def as_sarif(problems: Iterable[Problem]) -> str:
     """
     found = list(problems)
     codes = sorted({problem.code for problem in found})
-    rules: list[_Rule] = [{"id": code, "shortDescription": {"text": code.replace("-", " ")}} for code in codes]
+    rules = [_rule(code) for code in codes]
     log = {
         "$schema": SARIF_SCHEMA,
         "version": SARIF_VERSION,
