@@ -15,7 +15,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-score calibrate-confidence bench-causes bench-facts bench-inference bench-field bench-ground-plane mutation schema fmt lock wheel clean bench-terrain
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-score bench-checks calibrate-confidence bench-causes bench-facts bench-inference bench-field bench-ground-plane mutation schema fmt lock wheel clean bench-terrain
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -100,6 +100,9 @@ build/pandora/bin/pandora:
 	@build/pandora/bin/python -m pip install -qq --disable-pip-version-check pandora==1.9.0 pandora-plugin-libsgm==1.5.8
 bench-score: $(STAMP)  ## Measure the no-reference score: picking among configurations, scenes left out (needs TERREX_DATA; an hour the first time)
 	@$(BIN)/python -m benchmarks.quality_score $(ARGS)
+
+bench-checks: $(STAMP)  ## Measure what each check, filter and the quality probe cost beside the matcher
+	@$(BIN)/python -m benchmarks.matching_cost $(ARGS)
 
 calibrate-confidence: $(STAMP)  ## Fit the tables of confidence and uncertainty to the runs of bench-score, and write them
 	@$(BIN)/python -m benchmarks.calibrate_confidence --write $(ARGS)

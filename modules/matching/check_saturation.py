@@ -58,7 +58,7 @@ OPERATOR = Operator(
     slot="saturation",
     params=CheckSaturationParams,
     function=check_saturation,
-    cost=Cost(fixed_ms=0.2, ns_per_pixel=25.0),
+    cost=Cost(fixed_ms=0.2, ns_per_pixel=62.0),
     summary="Reject pixels that are clipped in either image.",
     suits="Large clipped areas, which hold nothing to match; harms where small highlights are bridged.",
 )
