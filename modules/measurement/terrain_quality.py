@@ -28,6 +28,7 @@ SPIKE_M, SPIKE_SIGMAS = 0.1, 5.0
 LEAST_CELLS = 100
 LEAST_CAMERA_M = 0.2  # below this the mount says nothing of the height above the wheels
 ASSUMED_SIGMA_RAD = math.radians(5.0)  # an attitude less certain than this was assumed, not measured
+BEYOND_PX = 2.0  # sky and far hills scatter about infinity by less
 
 
 class TerrainQuality(FactModel):
@@ -38,7 +39,7 @@ class TerrainQuality(FactModel):
     point_count: int = quantity("Points after gating", ge=0)
     kept_fraction: float = quantity("Points kept of the pixels that have a disparity", ge=0.0, le=1.0, resolution=0.001)
     behind_camera_fraction: float = quantity(
-        "Matched pixels whose disparity + doffs is not positive, so that they would lie behind the camera",
+        f"Matched pixels with disparity + doffs below {-BEYOND_PX:g} px, which would lie behind the camera",
         ge=0.0,
         le=1.0,
         resolution=0.001,
@@ -181,10 +182,9 @@ def measure_terrain_quality(scene: Scene) -> list[FactModel]:
         "kept_fraction": 0.0,
     }
     matched = int(np.count_nonzero(scene.disparity.valid))
-    beyond = scene.rejected.get("behind_camera", 0)
     if matched:
         values["kept_fraction"] = min(1.0, len(points) / matched)
-        values["behind_camera_fraction"] = min(1.0, beyond / matched)
+        values["behind_camera_fraction"] = _behind(scene)
     if len(points):
         xyz = points.xyz_m.astype(np.float64)
         values["median_range_m"] = float(np.median(np.hypot(xyz[:, 0], xyz[:, 1])))
@@ -204,6 +204,12 @@ def measure_terrain_quality(scene: Scene) -> list[FactModel]:
     ]
     rings = _rings(scene, scene.elevation) if scene.elevation is not None else []
     return [TerrainQuality.model_validate(values), *rings, *rejected]
+
+
+def _behind(scene: Scene) -> float:
+    """Return the fraction of the matched pixels that lie clearly beyond infinity."""
+    doffs = 0.0 if scene.calibration is None else scene.calibration.doffs_px
+    return float(np.mean(scene.disparity.disparity_px[scene.disparity.valid] + doffs < -BEYOND_PX))
 
 
 def _plane(scene: Scene, xyz: np.ndarray) -> dict[str, float]:

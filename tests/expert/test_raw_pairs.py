@@ -173,6 +173,20 @@ def test_a_mount_on_an_inertial_unit_needs_its_attitude(rendered, tmp_path):
     np.testing.assert_array_equal(pair.mount.rotation, np.eye(3))
 
 
+def test_a_wrong_doffs_that_puts_points_behind_the_camera_is_found(rendered):
+    """Sky and far hills scatter about infinity without a word; six px beyond it are told."""
+    found = []
+    for doffs_px in (0.0, -6.0):
+        calibration = replace(rendered.calibration, doffs_px=doffs_px)
+        pair = StereoPair(
+            rendered.left, rendered.right, calibration=calibration, attitude=rendered.attitude, mount=rendered.mount
+        )  # fmt: skip
+        findings = ExpertSystem(engine="compiled").reconstruct(pair).decision.findings
+        found.append([finding.sentence for finding in findings if finding.name == "points-behind-camera"])
+    assert found[0] == []
+    assert "doffs is missing or wrong" in found[1][0]
+
+
 def test_pairs_that_cannot_be_rectified_are_named(rendered):
     rig, _ = raw_rig("radtan")
     small = StereoPair(rendered.left[:200, :300], rendered.right[:200, :300])
