@@ -171,15 +171,23 @@ def extra_mb(name: str, values: dict, size: tuple[int, int, int]) -> float:
     """Return by how much a match raises the peak memory of a process of its own, MB."""
     columns, rows, count = size
     code = (
-        "import json, resource\nfrom benchmarks.matching import made_pair, run\n"
+        "import json\nfrom pathlib import Path\nfrom benchmarks.matching import made_pair, peak_mb, run\n"
         "from modules.types import DisparityRange\n"
         f"values = json.loads({json.dumps(values)!r})\n"
         f"run({name!r}, values, made_pair(96, 64), DisparityRange(0, 16)); views = made_pair({columns}, {rows})\n"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "before = peak_mb(reset=True)\n"
         f"run({name!r}, values, views, DisparityRange(0, {count}))\n"
-        "print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024)"
+        "print(peak_mb() - before)"
     )
     return float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+
+
+def peak_mb(reset: bool = False) -> float:
+    """Return the peak memory of this process since the last reset, MB (Linux)."""
+    if reset:
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
 
 
 def direct_opencv(views: Views, count: int, blocks: bool) -> Callable[[], object]:
