@@ -181,7 +181,7 @@ class Fact:
     @cached_property
     def values(self) -> Mapping[str, Scalar]:
         """The fields that have a value; NaN and infinity are none."""
-        return {name: value for name, value in self.fields if finite(value) is not None}
+        return {name: value for name, value in self.fields if not isinstance(value, float) or math.isfinite(value)}
 
     @cached_property
     def numbers(self) -> Mapping[str, float]:

@@ -85,6 +85,8 @@ def _test(comparison: Comparison, template: str, evaluator: Evaluator) -> FactTe
     limit = evaluator.constant(comparison)
     if op in _ORDERS and is_number(limit):
         return _order(field, _ORDERS[op], limit)
+    if op == "eq" and isinstance(limit, bool | str):
+        return _equality(field, limit)
     return lambda fact: holds(op, fact.values.get(field), limit)
 
 
@@ -92,5 +94,15 @@ def _order(field: str, order: Callable[[Any, Any], bool], limit: float) -> FactT
     def test(fact: Fact) -> bool:
         value = fact.numbers.get(field)
         return value is not None and order(value, limit)
+
+    return test
+
+
+def _equality(field: str, limit: bool | str) -> FactTest:
+    kind = type(limit)
+
+    def test(fact: Fact) -> bool:
+        value = fact.values.get(field)
+        return value == limit and type(value) is kind
 
     return test
