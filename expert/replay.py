@@ -12,7 +12,7 @@ import numpy as np
 
 from expert.decision import Decision, InputsRecord
 from expert.pair import StereoPair
-from expert.plan import StagePlan, execute
+from expert.plan import StagePlan, StepFailed, execute
 from expert.recorder import inputs_record, product_digests
 from expert.result import Result
 from expert.versions import versions
@@ -168,8 +168,8 @@ def replay(
     Raises
     ------
     ReplayError
-        The record has no plan: the pair could not be reconstructed.
-    expert.plan.PlanError, expert.plan.StepFailed
+        The record has no plan, or an operator could not do its work; inputs that differ are named.
+    expert.plan.PlanError
         As `run_plans`.
 
     Examples
@@ -182,16 +182,22 @@ def replay(
     if not decision.plans:
         said = "; ".join(finding.sentence for finding in decision.findings if finding.severity == "critical")
         raise ReplayError(f"the record has no plan to run: {said or 'nothing was planned'}")
-    matching, scene = run_plans(decision.plans, pair, around)
+    given = inputs_record(pair)
+    compared = [*_compared(_inputs(decision.inputs), _inputs(given))]
+    if _exchanged(decision.inputs, given):
+        compared.insert(0, ("order", "left and right are exchanged"))
+    try:
+        matching, scene = run_plans(decision.plans, pair, around)
+    except StepFailed as error:
+        other = "; ".join(difference for _, difference in compared if difference is not None)
+        said = f"{error} (the inputs are not those of the record: {other})" if other else str(error)
+        raise ReplayError(said) from error
     points, elevation = (scene.points, scene.elevation) if scene else (None, None)
     result = Result(decision, matching.views, matching.disparity, points, elevation, original=pair.views)
-    compared = [*_compared(_inputs(decision.inputs), _inputs(inputs_record(pair)))]
     if decision.products:
         compared += _compared(decision.products, product_digests(matching.disparity, elevation))
     same = tuple(name for name, difference in compared if difference is None)
     differences = [difference for _, difference in compared if difference is not None]
-    if differences and _exchanged(decision.inputs, inputs_record(pair)):
-        differences.insert(0, "left and right are exchanged")
     if differences:
         differences += _other_versions(decision.versions, versions())
     return Replayed(result, same, tuple(differences))
@@ -212,7 +218,8 @@ def _inputs(inputs: InputsRecord) -> dict[str, str]:
 
 
 def _exchanged(recorded: InputsRecord, found: InputsRecord) -> bool:
-    return (found.left.sha256, found.right.sha256) == (recorded.right.sha256, recorded.left.sha256)
+    crossed = (found.left.sha256, found.right.sha256) == (recorded.right.sha256, recorded.left.sha256)
+    return crossed and found.left.sha256 != found.right.sha256
 
 
 def _compared(recorded: Mapping[str, str], found: Mapping[str, str]) -> Iterator[tuple[str, str | None]]:

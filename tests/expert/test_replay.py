@@ -38,6 +38,9 @@ def files(tmp_path: Path, made: Result) -> Path:
     assert made.original is not None
     for side in ("left", "right"):
         cv2.imwrite(str(tmp_path / f"{side}.png"), getattr(made.original, side))
+    other = made.original.right.copy()
+    other[40:80, 60:100] = 90
+    cv2.imwrite(str(tmp_path / "other.png"), other)
     made.save(tmp_path / "run", html=False)
     return tmp_path
 
@@ -55,7 +58,7 @@ def test_a_saved_plan_gives_the_same_bytes(files: Path, made: Result) -> None:
 
 def test_another_image_is_named_and_so_is_what_it_changes(files: Path) -> None:
     decision = Decision.from_json((files / "run" / "decision.json").read_text(encoding="utf-8"))
-    again = replay(decision, load_recorded_pair(decision.inputs, files / "left.png", files / "left.png"))
+    again = replay(decision, load_recorded_pair(decision.inputs, files / "left.png", files / "other.png"))
     assert not again.same
     assert any(text.startswith("right image: the record has ") for text in again.differences)
     assert any(text.startswith("disparity_px: the record has ") for text in again.differences)
@@ -64,8 +67,8 @@ def test_another_image_is_named_and_so_is_what_it_changes(files: Path) -> None:
 
 def test_exchanged_images_are_recognised(files: Path) -> None:
     decision = Decision.from_json((files / "run" / "decision.json").read_text(encoding="utf-8"))
-    again = replay(decision, load_recorded_pair(decision.inputs, files / "right.png", files / "left.png"))
-    assert again.differences[0] == "left and right are exchanged"
+    with pytest.raises(ReplayError, match="the inputs are not those of the record: left and right are exchanged"):
+        replay(decision, load_recorded_pair(decision.inputs, files / "right.png", files / "left.png"))
 
 
 def test_another_version_is_named_where_products_differ(made: Result) -> None:
@@ -115,7 +118,7 @@ def test_the_command_verifies_and_writes(
     assert "same: elevation_m" in capsys.readouterr().out
     for name in ("disparity.pfm", "elevation.tif", "decision.json"):
         assert (files / "again" / name).read_bytes() == (files / "run" / name).read_bytes()
-    assert terrex(monkeypatch, "replay", record, files / "left.png", files / "left.png") == 1
+    assert terrex(monkeypatch, "replay", record, files / "left.png", files / "other.png") == 1
     said = capsys.readouterr().out
     assert "differs: right image" in said
     assert f"disparity against {files / 'run' / 'disparity.pfm'}: " in said
