@@ -305,7 +305,7 @@ def test_a_failure_while_saving_keeps_what_was_there(
     out = tmp_path / "out"
     result.save(out)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    monkeypatch.setattr("expert.result.write_geotiff", full)
+    monkeypatch.setattr("expert.products.write_geotiff", full)
     with pytest.raises(FormatError, match="no space left"):
         result.save(out)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
