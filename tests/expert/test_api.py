@@ -299,7 +299,7 @@ def test_saving_twice_replaces_the_folder_as_a_whole(result: Result, system: Exp
 def test_a_failure_while_saving_keeps_what_was_there(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **__: object) -> None:
         raise FormatError("no space left")
 
     out = tmp_path / "out"
