@@ -147,6 +147,7 @@ def test_the_command_tells_the_threshold_and_the_decisions_it_changes(tmp_path):
     assert result.exit_code == 1
     assert result.output == (
         "changed  threshold exposure_dn (MEA901), value: 6 dn -> 8 dn\n"
+        "e.g. MEA901, given brightness mean_difference_dn 6.0: note the major finding exposure-differs -> stays quiet\n"
         "\n"
         "1 of 3 recorded decisions change\n"
         f"{folder}/1.json (differs by 7)\n"
