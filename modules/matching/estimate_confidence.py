@@ -49,10 +49,9 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
 
     Notes
     -----
-    On development pairs a limit of 0.25 takes the wrong among valid from 6.4 to 5.9 % for 0.9 % of density, of 0.5 to
-    4.3 % for 4 %; unrelated images keep at most 2.5 and 0.6 % of their pixels (`benchmarks/calibrate_confidence.py`).
-    `sigma_px` describes pixels whose match is right; whether it is, the confidence says. A pattern that repeats along
-    the rows agrees with the images at several disparities: use `check_uniqueness` there.
+    The map as a whole weighs more than the single pixel: in a good map a wrong patch is doubted more than the rest, but
+    seldom below one half. On scenes left out of the fit, a limit of 0.25 takes the wrong among valid from 9.5 to 8.8 %
+    for 1.6 % of the pixels, one of 0.5 to 7.2 % for 5.4 % (`benchmarks.calibrate_confidence`).
 
     References
     ----------
