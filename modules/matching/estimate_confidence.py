@@ -52,6 +52,8 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
     The map as a whole weighs more than the single pixel: in a good map a wrong patch is doubted more than the rest, but
     seldom below one half. On scenes left out of the fit, a limit of 0.25 takes the wrong among valid from 9.5 to 8.8 %
     for 1.6 % of the pixels, one of 0.5 to 7.2 % for 5.4 % (`benchmarks.calibrate_confidence`).
+    `sigma_px` describes pixels whose match is right; whether it is, the confidence says. A pattern that repeats along
+    the rows agrees with the images at several disparities: use `check_uniqueness` there.
 
     References
     ----------
