@@ -66,6 +66,15 @@ def why(decision: Decision, step: Step) -> str:
     return f"{step.chosen_by}, asked for after an earlier trial"
 
 
+def settings(decision: Decision, step: Step) -> Iterator[str]:
+    """Say which rules set parameters of an operator that they did not choose, and why."""
+    for parameter, rule in step.set_by.items():
+        if rule not in (step.chosen_by, "default"):
+            firings = firings_of(decision, rule)
+            reason = f"{rule} {firings[0].name}: {firings[0].because}" if firings else f"{rule}, after an earlier trial"
+            yield f"{parameter}={number_text(step.parameters[parameter])} by {reason}"
+
+
 def verdict(decision: Decision) -> str:
     """Say what came out, what was wrong with the pair, what was done and what to trust."""
     wrong = [finding.sentence for finding in decision.findings if finding.severity != "minor"]
@@ -113,6 +122,8 @@ def _steps(decision: Decision) -> Iterator[str]:
             summary = catalog[step.operator].summary if step.operator in catalog else "nothing is done in this slot"
             yield f"{stage}.{step.slot}: {step.operator}{parameter_text(step)} - {summary}"
             yield f"    because {why(decision, step)}"
+            for reason in settings(decision, step):
+                yield f"    with {reason}"
             for loser in step.losers:
                 if loser.rule is not None:
                     yield f"    rather than {loser.operator} ({loser.rule}): {loser.lost_because}"
