@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+from expert import explain
 from expert.decision import Decision, FactRecord
 from expert.facts import FieldInfo, Vocabulary, vocabulary
 from expert.plan import Step
@@ -149,6 +150,21 @@ def _rules(decision: Decision) -> list[RuleFired]:
     ]
 
 
+def _not_chosen(decision: Decision) -> tuple[dict[str, tuple[str, tuple[str, ...]]], str]:
+    """Return, by operator not chosen, the answer to "why not?" and its lines on rules; or why there is no answer."""
+    answers = {}
+    try:
+        rules = explain.rules_of(decision)
+        for name in sorted(operators()):
+            answer = explain.why_not(decision, rules, name)
+            if answer.outcome != "chosen":
+                _, *lines = answer.text().splitlines()
+                answers[name] = answer.sentence, tuple(line.strip() for line in lines)
+    except explain.ExplainError as error:
+        return {}, str(error)
+    return answers, ""
+
+
 def _timings(decision: Decision) -> list[Bar]:
     spent = sorted(decision.timings_s.items(), key=lambda item: (-item[1], item[0]))
     longest = max((seconds for _, seconds in spent), default=0.0) or 1.0
@@ -199,6 +215,7 @@ def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
 
     template, style, script = _template()
     words = vocabulary(probes().values())
+    answers, unanswered = _not_chosen(decision)
     return template.render(
         decision=decision,
         verdict=verdict(decision),
@@ -207,6 +224,8 @@ def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
         facts=sorted(_fact_rows(decision, words), key=lambda row: row.name),
         choices=_choices(decision),
         rules=_rules(decision),
+        not_chosen=answers,
+        unanswered=unanswered,
         timings=_timings(decision),
         record=decision.to_json(),
         style=Markup(style),

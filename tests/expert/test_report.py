@@ -13,12 +13,15 @@ import cv2
 import numpy as np
 import pytest
 
+from expert.api import ExpertSystem
 from expert.cli import main
 from expert.decision import Decision, FactRecord, FindingRecord, FiringRecord, TrialRecord
+from expert.pair import StereoPair
 from expert.plan import Candidate, StagePlan, Step
 from expert.report import as_html, as_markdown, as_text, render_again, verdict
 from expert.report.pictures import MAX_SIDE_PX, decode, gallery, histograms, picture, validity_shares
 from expert.result import Result
+from modules.catalog import operators
 from modules.formats import FormatError
 from modules.types import Disparity, Invalid, Views
 
@@ -300,3 +303,13 @@ def test_the_command_writes_both_files_and_refuses_another_folder(
         main()
     assert ended.value.code == 2
     assert "holds no decision.json" in capsys.readouterr().err
+
+
+def test_every_operator_not_chosen_is_answered_in_place(tmp_path: Path) -> None:
+    image = np.random.default_rng(4).integers(0, 255, (60, 80), dtype=np.uint8)
+    decision = ExpertSystem().decide(StereoPair(image, image))
+    page = as_html(decision, {})
+    chosen = {step.operator for step in decision.steps()}
+    for name in set(operators()) - chosen:
+        assert f"Why not <code>{name}</code>?" in page
+    assert not any(f"Why not <code>{name}</code>?" in page for name in chosen)
