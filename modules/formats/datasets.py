@@ -17,8 +17,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -140,11 +140,23 @@ def list_pairs(folder: Path | str, layout: str | None = None, split: str | None 
     layout = layout or _layout_of(folder)
     if layout not in LAYOUTS:
         raise FormatError(f"there is no layout {layout!r}; known: {', '.join(LAYOUTS)}")
-    found = tuple(entry for entry in LAYOUTS[layout](folder) if split is None or entry.split == split)
+    found = tuple(_named(entry for entry in LAYOUTS[layout](folder) if split is None or entry.split == split))
     if not found:
         wanted = "" if split is None else f" of split {split!r}"
         raise FormatError(f"{folder} holds no pair{wanted} in the layout {layout!r}; give the folder that holds them")
     return found
+
+
+def _named(entries: Iterable[DatasetEntry]) -> Iterator[DatasetEntry]:
+    """Tell pairs of one name apart, as the variants of a scene, by the folder of their left image, then by a number."""
+    taken: set[str] = set()
+    for entry in entries:
+        name = entry.name if entry.name not in taken else f"{entry.name}, {entry.left.parent.name}"
+        number = 2
+        while name in taken:
+            name, number = f"{entry.name}, {number}", number + 1
+        taken.add(name)
+        yield replace(entry, name=name)
 
 
 def read_index(folder: Path | str, split: str | None = None) -> Iterator[DatasetPair]:

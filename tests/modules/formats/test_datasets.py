@@ -83,6 +83,14 @@ def test_an_index_may_hold_scaled_truth(tmp_path: Path) -> None:
     assert np.isnan(pair.truth_px[0]).all()
 
 
+def test_pairs_of_one_scene_have_names_of_their_own(tmp_path: Path) -> None:
+    entry = {"dataset": "d", "scene": "Art", "ndisp": 16}
+    lefts = ("a/l.png", "b/l.png", "b/l.png")
+    entries = [{**entry, "left": left, "right": "r.png"} for left in lefts]
+    (tmp_path / "INDEX.json").write_text(json.dumps(entries))
+    assert [item.name for item in list_pairs(tmp_path)] == ["d/Art", "d/Art, b", "d/Art, 2"]
+
+
 def test_a_truth_of_another_size_is_refused(tmp_path: Path) -> None:
     home = middlebury(tmp_path, "Shelves")
     write_pfm(home / "disp0GT.pfm", TRUTH[:, :20])
