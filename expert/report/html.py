@@ -14,7 +14,7 @@ from expert.decision import Decision, FactRecord
 from expert.facts import FieldInfo, Vocabulary, vocabulary
 from expert.plan import Step
 from expert.report.pictures import PLOT_HEIGHT, PLOT_WIDTH, gallery
-from expert.report.text import fact_text, number_text, parameter_text, verdict, why
+from expert.report.text import fact_text, number_text, parameter_text, settings, verdict, why
 from modules.catalog import operators, probes
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class FactRow:
     limits: str
     meaning: str
     probe: str
+    nearest: str  # the limit of a rule that the value is nearest to
     mattered: bool
 
 
@@ -43,6 +44,7 @@ class Choice:
     summary: str
     parameters: str
     why: str
+    settings: tuple[str, ...]
     losers: tuple[str, ...]
 
 
@@ -79,7 +81,7 @@ def _limits(info: FieldInfo | None) -> str:
     return "" if high is None else f"to {high}"
 
 
-def _fact_rows(decision: Decision, words: Vocabulary) -> Iterator[FactRow]:
+def _fact_rows(decision: Decision, words: Vocabulary, nearest: Mapping[str, str]) -> Iterator[FactRow]:
     bound = [record for firing in decision.firings for record in firing.bindings.values()]
     for record in decision.facts:
         template = words.get(record.template)
@@ -100,6 +102,7 @@ def _fact_rows(decision: Decision, words: Vocabulary) -> Iterator[FactRow]:
                 _limits(info),
                 info.description if info else "",
                 record.probe or "stated",
+                nearest.get(f"{title}.{name}", ""),
                 matters,
             )
 
@@ -128,6 +131,7 @@ def _choices(decision: Decision) -> dict[str, list[Choice]]:
                 summary,
                 parameter_text(step).strip(" ()"),
                 why(decision, step),
+                tuple(settings(decision, step)),
                 tuple(_losers(step)),
             )
             found.setdefault(stage, []).append(choice)
@@ -150,19 +154,40 @@ def _rules(decision: Decision) -> list[RuleFired]:
     ]
 
 
-def _not_chosen(decision: Decision) -> tuple[dict[str, tuple[str, tuple[str, ...]]], str]:
-    """Return, by operator not chosen, the answer to "why not?" and its lines on rules; or why there is no answer."""
-    answers = {}
+@dataclass(frozen=True)
+class Answers:
+    """What the rules that a record carries explain about it.
+
+    Attributes
+    ----------
+    not_chosen : dict
+        By operator not chosen: the answer to "why not?", and its lines on rules.
+    nearest : dict
+        By fact and field: the limit of a rule that the value is nearest to.
+    unanswered : str
+        Why there are no answers; empty where there are.
+    """
+
+    not_chosen: dict[str, tuple[str, tuple[str, ...]]]
+    nearest: dict[str, str]
+    unanswered: str = ""
+
+
+def _answers(decision: Decision) -> Answers:
+    """Ask the rules of the record; without them the page says why it cannot answer."""
+    not_chosen = {}
     try:
         rules = explain.rules_of(decision)
         for name in sorted(operators()):
             answer = explain.why_not(decision, rules, name)
             if answer.outcome != "chosen":
                 _, *lines = answer.text().splitlines()
-                answers[name] = answer.sentence, tuple(line.strip() for line in lines)
+                not_chosen[name] = answer.sentence, tuple(line.strip() for line in lines)
+        fields = explain.margins(decision, rules).fields
     except explain.ExplainError as error:
-        return {}, str(error)
-    return answers, ""
+        return Answers({}, {}, str(error))
+    nearest = {f"{item.fact}.{item.field}": item.rules[0].text() for item in fields if item.rules}
+    return Answers(not_chosen, nearest)
 
 
 def _timings(decision: Decision) -> list[Bar]:
@@ -215,17 +240,17 @@ def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
 
     template, style, script = _template()
     words = vocabulary(probes().values())
-    answers, unanswered = _not_chosen(decision)
+    answers = _answers(decision)
     return template.render(
         decision=decision,
         verdict=verdict(decision),
         pictures=gallery(images),
         plot=(PLOT_WIDTH, PLOT_HEIGHT),
-        facts=sorted(_fact_rows(decision, words), key=lambda row: row.name),
+        facts=sorted(_fact_rows(decision, words, answers.nearest), key=lambda row: row.name),
         choices=_choices(decision),
         rules=_rules(decision),
-        not_chosen=answers,
-        unanswered=unanswered,
+        not_chosen=answers.not_chosen,
+        unanswered=answers.unanswered,
         timings=_timings(decision),
         record=decision.to_json(),
         style=Markup(style),
