@@ -26,7 +26,7 @@ def diff(
     ] = False,
     records: Annotated[
         Optional[Path],  # noqa: UP045  typer reads the annotation at run time on Python 3.10
-        typer.Option("--records", help="Folder of decision records to decide again with both."),
+        typer.Option("--pairs", help="Folder of decision records to decide again with both."),
     ] = None,
     cases: Annotated[
         Optional[Path],  # noqa: UP045

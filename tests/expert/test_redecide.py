@@ -143,7 +143,7 @@ def test_the_command_tells_the_threshold_and_the_decisions_it_changes(tmp_path):
     folder.mkdir()
     for number, difference in enumerate((5.0, 7.0, 9.0)):
         (folder / f"{number}.json").write_text(decision(rules, difference).to_json())
-    result = invoke("diff", old, new, "--alone", "--records", folder)
+    result = invoke("diff", old, new, "--alone", "--pairs", folder)
     assert result.exit_code == 1
     assert result.output == (
         "changed  threshold exposure_dn (MEA901), value: 6 dn -> 8 dn\n"
@@ -154,10 +154,10 @@ def test_the_command_tells_the_threshold_and_the_decisions_it_changes(tmp_path):
         "  correction.radiometry: correction.match_histograms (COR901) -> none (default)\n"
         "  finding gone: exposure-differs (major)\n"
     )
-    data = json.loads(invoke("diff", old, new, "--alone", "--records", folder, "--format", "json").output)
+    data = json.loads(invoke("diff", old, new, "--alone", "--pairs", folder, "--format", "json").output)
     assert [bool(item["changes"]) for item in data["decisions"]] == [False, True, False]
     assert data["rules"][0]["what"] == "threshold exposure_dn (MEA901)"
-    same = invoke("diff", old, old, "--alone", "--records", folder)
+    same = invoke("diff", old, old, "--alone", "--pairs", folder)
     assert (same.exit_code, same.output) == (0, "no difference in meaning\n\n0 of 3 recorded decisions change\n")
 
 
@@ -167,7 +167,7 @@ def test_a_layer_is_compared_with_the_shipped_rules_and_a_folder_without_records
     result = invoke("diff", "shipped", rig)
     assert result.exit_code == 0
     assert result.output.startswith("removed  rule COR016: In correction, when ")
-    assert invoke("diff", "shipped", rig, "--records", tmp_path).exit_code == 2
+    assert invoke("diff", "shipped", rig, "--pairs", tmp_path).exit_code == 2
     assert invoke("diff", "shipped", tmp_path / "none.yaml").exit_code == 2
 
 
