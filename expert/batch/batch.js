@@ -1,40 +1,16 @@
-"use strict";
-document.querySelectorAll("table.sortable").forEach(function (table) {
-  var body = table.tBodies[0];
-  table.querySelectorAll("thead th").forEach(function (head, column) {
-    var button = document.createElement("button");
-    button.type = "button";
-    button.textContent = head.textContent;
-    head.textContent = "";
-    head.appendChild(button);
-    button.addEventListener("click", function () {
-      var down = head.getAttribute("aria-sort") === "ascending";
-      table.querySelectorAll("thead th").forEach(function (other) { other.removeAttribute("aria-sort"); });
-      head.setAttribute("aria-sort", down ? "descending" : "ascending");
-      var rows = Array.prototype.slice.call(body.rows);
-      rows.sort(function (a, b) {
-        var one = a.cells[column].textContent.trim(), two = b.cells[column].textContent.trim();
-        var x = parseFloat(one), y = parseFloat(two);
-        var order = isNaN(x) || isNaN(y) ? one.localeCompare(two) : x - y;
-        return down ? -order : order;
-      });
-      rows.forEach(function (row) { body.appendChild(row); });
+(function () {
+  var words = document.getElementById("words"), status = document.getElementById("status");
+  var shown = document.getElementById("shown"), rows = document.getElementById("pairs").tBodies[0].rows;
+  function filter() {
+    var count = 0, wanted = words.value.toLowerCase();
+    Array.prototype.forEach.call(rows, function (row) {
+      var fits = row.textContent.toLowerCase().indexOf(wanted) >= 0 && (!status.value || row.dataset.status === status.value);
+      row.hidden = !fits;
+      count += fits ? 1 : 0;
     });
-  });
-});
-var words = document.getElementById("words"), status = document.getElementById("status");
-var shown = document.getElementById("shown"), table = document.getElementById("pairs");
-function filter() {
-  var count = 0, wanted = words.value.toLowerCase();
-  Array.prototype.forEach.call(table.tBodies[0].rows, function (row) {
-    var fits = row.textContent.toLowerCase().indexOf(wanted) >= 0 && (!status.value || row.dataset.status === status.value);
-    row.hidden = !fits;
-    count += fits ? 1 : 0;
-  });
-  shown.textContent = count + " of " + table.tBodies[0].rows.length + " pairs";
-}
-if (table) {
+    shown.textContent = count + " of " + rows.length + " pairs";
+  }
   words.addEventListener("input", filter);
   status.addEventListener("change", filter);
   filter();
-}
+}());

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from urllib.parse import quote
 import numpy as np
 
 from expert.batch.runlog import NAME, RunLog
+from expert.pages import render
 from modules.formats._text import write_text
 
 PAGE = "index.html"
@@ -166,23 +165,13 @@ def _render(
     drift: Sequence[Drift],
     outlying: Sequence[Outlier],
 ) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
-
-    loader = PackageLoader("expert.batch", "")
-    environment = Environment(
-        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-    )
-    style, script = (loader.get_source(environment, f"batch.{kind}")[0] for kind in ("css", "js"))
-    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
-    return environment.get_template("batch.html.j2").render(
+    return render(
+        "expert.batch",
+        "batch.html.j2",
         pairs=pairs,
         rules=rules,
         counts=counts,
         drift=drift,
         outlying=outlying,
         size=(WIDTH, HEIGHT),
-        style=Markup(style),
-        script=Markup(script),
-        script_hash=f"sha256-{digest}",
     )

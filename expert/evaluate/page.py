@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from itertools import pairwise
 
 from expert.evaluate.ablation import RuleEffect
 from expert.evaluate.summary import Summary, SystemLine, gap_text
+from expert.pages import render
 
 WIDTH, HEIGHT, MARGIN = 900, 420, 60
 
@@ -96,21 +95,11 @@ def plot(lines: Sequence[SystemLine]) -> Plot:
 
 def as_html(summary: Summary, effects: Sequence[RuleEffect] = ()) -> str:
     """Return the page; it needs no other file and no network, and names from files appear as text."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
-
-    loader = PackageLoader("expert.evaluate", "")
-    environment = Environment(
-        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-    )
-    environment.filters["gap"] = gap_text
-    style, script = (loader.get_source(environment, f"evaluation.{kind}")[0] for kind in ("css", "js"))
-    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
-    return environment.get_template("evaluation.html.j2").render(
+    return render(
+        "expert.evaluate",
+        "evaluation.html.j2",
         summary=summary,
         effects=effects,
         plot=plot(summary.systems),
-        style=Markup(style),
-        script=Markup(script),
-        script_hash=f"sha256-{digest}",
+        gap=gap_text,
     )

@@ -1,0 +1,45 @@
+"""Self-contained pages with sortable tables: what those of a batch and of an evaluation share."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from contextlib import suppress
+
+
+def render(package: str, template: str, **values: object) -> str:
+    """Render a page that needs no other file and no network, and allows no script but its own.
+
+    Parameters
+    ----------
+    package : str
+        Where the template lies, e.g. `expert.batch`; `<stem>.css` and `<stem>.js`, where there are any, lie beside it
+        and follow the shared style and script.
+    template : str
+        `<stem>.html.j2`; it gets `style`, `script` and `script_hash` beside `values`. Values appear as text, never as
+        markup.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, TemplateNotFound
+    from markupsafe import Markup
+
+    shared, own = PackageLoader("expert.pages", ""), PackageLoader(package, "")
+    environment = Environment(
+        loader=ChoiceLoader([own, shared]),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    stem = template.partition(".")[0]
+
+    def text(kind: str) -> str:
+        parts = [shared.get_source(environment, f"table.{kind}")[0]]
+        with suppress(TemplateNotFound):
+            parts.append(own.get_source(environment, f"{stem}.{kind}")[0])
+        return "".join(parts)
+
+    script = text("js")
+    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
+    return environment.get_template(template).render(
+        style=Markup(text("css")), script=Markup(script), script_hash=f"sha256-{digest}", **values
+    )
