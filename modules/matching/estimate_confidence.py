@@ -49,9 +49,11 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
 
     Notes
     -----
-    The map as a whole weighs more than the single pixel: in a good map a wrong patch is doubted more than the rest, but
-    seldom below one half. On scenes left out of the fit, a limit of 0.25 takes the wrong among valid from 9.5 to 8.8 %
-    for 1.6 % of the pixels, one of 0.5 to 7.2 % for 5.4 % (`benchmarks.calibrate_confidence`).
+    The map as a whole weighs more than the single pixel: in a good map even a patch of random disparities reads about
+    0.7, where the rest reads 0.98, so no usual limit rejects it. On scenes left out of the fit, a limit of 0.25 takes
+    the wrong among valid from 9.5 to 8.8 % for 1.6 % of the pixels, one of 0.5 to 7.2 % for 5.4 %; a pair of unrelated
+    images keeps 1.1 % of its pixels in the mean at 0.25, but 29 % in the worst case
+    (`benchmarks.calibrate_confidence`).
     `sigma_px` describes pixels whose match is right; whether it is, the confidence says. A pattern that repeats along
     the rows agrees with the images at several disparities: use `check_uniqueness` there.
 
