@@ -284,6 +284,7 @@ def _describe_field(model: type[FactModel], name: str) -> FieldInfo:
     )
 
 
+@cache
 def _describe(model: type[FactModel], probe: Probe | None) -> TemplateInfo:
     return TemplateInfo(
         name=model.template,

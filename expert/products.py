@@ -15,8 +15,9 @@ from modules.formats.layers import write_grid_map, write_layers
 from modules.formats.mesh import write_glb, write_obj
 from modules.formats.occupancy import write_occupancy
 from modules.formats.points import write_las, write_pcd, write_ply
-from modules.formats.terrain_pictures import write_terrain_picture
+from modules.formats.terrain_pictures import write_ortho, write_terrain_picture
 from modules.formats.viewer import write_viewer
+from modules.primitives.surface import cell_colours
 from modules.types import Datum, ElevationMap, PointCloud
 
 
@@ -46,6 +47,8 @@ class Terrain:
         """Return whether this product can be made of what there is."""
         if product.of_points:
             return self.points is not None
+        if product.coloured and (self.points is None or self.points.rgb is None):
+            return False
         return self.elevation is not None and product.layer in self.elevation.layers
 
 
@@ -61,6 +64,8 @@ class Product:
         Writes it to a path.
     of_points : bool
         Whether it is made of points; of the elevation map otherwise.
+    coloured : bool
+        Whether it needs the colours of points beside the elevation map.
     layer : str
         Layer that must be there, and without which the file is left out.
     package : str or None
@@ -70,6 +75,7 @@ class Product:
     summary: str
     write: Callable[[Path, Terrain], None]
     of_points: bool = False
+    coloured: bool = False
     layer: str = "elevation"
     package: str | None = None
 
@@ -80,6 +86,10 @@ def _points(write: Callable[[Path, PointCloud], None]) -> Callable[[Path, Terrai
             write(path, terrain.points)
 
     return written
+
+
+def _write_ortho(path: Path, terrain: Terrain) -> None:
+    write_ortho(path, terrain.grid, cell_colours(terrain.grid, terrain.points))
 
 
 PRODUCTS: Mapping[str, Product] = MappingProxyType(
@@ -98,6 +108,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
             lambda path, t: write_occupancy(path, t.grid),
             layer="hazard",
         ),
+        "ortho.png": Product("the ground from above, coloured by the image", _write_ortho, coloured=True),
         "elevation.png": Product("shaded relief", lambda path, t: write_terrain_picture(path, t.grid)),
         "height.png": Product("heights", lambda path, t: write_terrain_picture(path, t.grid, "height")),
         "slope.png": Product("slopes", lambda path, t: write_terrain_picture(path, t.grid, "slope"), layer="slope_deg"),
@@ -109,7 +120,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
         "terrain.html": Product("interactive 3D page", lambda path, t: write_viewer(path, t.grid, t.points, t.name)),
     }
 )
-DEFAULT_PRODUCTS = ("points.ply", "elevation.tif", "elevation.png", "traversability.png")
+DEFAULT_PRODUCTS = ("points.ply", "elevation.tif", "layers.npz", "ortho.png", "elevation.png", "traversability.png")
 
 
 def check_products(names: Iterable[str]) -> tuple[str, ...]:

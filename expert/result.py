@@ -15,7 +15,13 @@ from expert.decision import Decision
 from expert.products import DEFAULT_PRODUCTS, Terrain, check_products, product_writers
 from expert.report import PICTURES, as_html, as_markdown
 from modules.formats.atomic import whole_folder
-from modules.formats.disparity import write_disparity_png, write_disparity_view, write_pfm, write_validity_png
+from modules.formats.disparity import (
+    write_confidence_png,
+    write_disparity_png,
+    write_disparity_view,
+    write_pfm,
+    write_validity_png,
+)
 from modules.formats.images import write_image
 from modules.types import Datum, Disparity, ElevationMap, FloatImage, Invalid, PointCloud, Views
 
@@ -135,6 +141,9 @@ class Result:
             writers["disparity.pfm"] = lambda path: write_pfm(path, disparity.disparity_px)
             writers["disparity.png"] = lambda path: write_disparity_png(path, storable)
             writers["disparity_view.png"] = lambda path: write_disparity_view(path, disparity.disparity_px)
+            confidence = disparity.confidence
+            if confidence is not None:
+                writers["confidence.png"] = lambda path: write_confidence_png(path, confidence)
         writers.update(product_writers(Terrain(self.elevation, self.points, datum, decision.pair), products))
         return writers
 

@@ -11,7 +11,7 @@ from expert.explain.model import How, WhatIf, WhatItTakes, WhyNot
 from expert.explain.record import ExplainError, check_digest
 from expert.explain.take import what_would_it_take
 from expert.explain.what_if import what_if
-from expert.explain.why_not import why_not
+from expert.explain.why_not import not_chosen, why_not
 
 __all__ = [
     "ExplainError",
@@ -26,6 +26,7 @@ __all__ = [
     "embed",
     "how",
     "margins",
+    "not_chosen",
     "rules_of",
     "what_if",
     "what_would_it_take",

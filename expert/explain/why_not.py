@@ -147,6 +147,20 @@ def why_not(decision: Decision, rules: KnownRules, name: str) -> WhyNot:
     return _why_not_operator(inquiry, operators()[name])
 
 
+def not_chosen(decision: Decision, rules: KnownRules) -> tuple[WhyNot, ...]:
+    """Say of every operator that fills no slot why not, by name.
+
+    Raises
+    ------
+    ExplainError
+        The decision was made with other rules.
+    """
+    check_digest(decision, rules)
+    inquiry = _Inquiry(decision, rules)
+    answers = (_why_not_operator(inquiry, operator) for _, operator in sorted(operators().items()))
+    return tuple(answer for answer in answers if answer.outcome != "chosen")
+
+
 def _why_not_rule(inquiry: _Inquiry, rule: Rule) -> WhyNot:
     would = ", and ".join(action_text(action, inquiry.rules.base.thresholds) for action in rule.then)
     verdict = inquiry.verdict(rule, would)

@@ -109,3 +109,8 @@ def write_disparity_view(path: Path | str, disparity_px: FloatImage) -> None:
     scaled = np.clip((np.where(valid, disparity_px, low) - low) / max(float(high - low), 1e-6), 0.0, 1.0)
     colours = cv2.applyColorMap(np.rint(scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[:, :, ::-1]
     write_image(path, np.where(valid[..., None], colours, 0).astype(np.uint8))
+
+
+def write_confidence_png(path: Path | str, confidence: FloatImage) -> None:
+    """Write the probability that a disparity is right as an 8-bit PNG, 255 for certain; 0 also where there is none."""
+    write_image(path, np.rint(np.nan_to_num(confidence) * 255.0).clip(0, 255).astype(np.uint8))

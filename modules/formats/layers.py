@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
+from collections.abc import Container
 from io import BytesIO
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from modules.primitives.layers import LAYERS, unit_of
 from modules.types import ElevationMap, Hazard
 
 PREFIX = "layer_"
+COMPRESSION = 1  # half the time of the usual 6, and files 3 % larger
 GRID_MAP_NAMES = {"roughness_m": "roughness", "step_m": "step_height", "count": "num_points", "age_s": "age"}
 """Names that layers have in grid_map and the packages around it, where they differ."""
 
@@ -59,16 +61,40 @@ def read_layers(path: Path | str) -> ElevationMap:
     if not path.is_file():
         raise FormatError(f"{path} does not exist; check the path of the layers")
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
+    return parse_layers(str(path), content)
+
+
+def parse_layers(name: str, content: bytes, wanted: Container[str] | None = None) -> ElevationMap:
+    """Read the content of an NPZ that `write_layers` wrote.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, for the message.
+    content : bytes
+    wanted : container of str, optional
+        Layers to read; all by default.
+
+    Raises
+    ------
+    FormatError
+        When it is of another kind.
+    """
+    try:
+        with np.load(BytesIO(content), allow_pickle=False) as file:
             place = json.loads(str(file["description"]))
+            found = [item.removeprefix(PREFIX) for item in file.files if item.startswith(PREFIX)]
             layers: dict[str, NDArray[np.generic]] = {
-                name.removeprefix(PREFIX): file[name] for name in file.files if name.startswith(PREFIX)
+                layer: file[PREFIX + layer] for layer in found if wanted is None or layer in wanted
             }
         return ElevationMap(
             float(place["x0_m"]), float(place["y0_m"]), float(place["cell_m"]), layers, frame=str(place["frame"])
         )
     except (KeyError, TypeError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise FormatError(f"{path} holds no layers of an elevation map ({error}); write it with terrex") from error
+        raise FormatError(f"{name} holds no layers of an elevation map ({error}); write it with terrex") from error
 
 
 def write_grid_map(path: Path | str, grid: ElevationMap) -> None:
@@ -131,5 +157,8 @@ def _turned(layer: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _write_npz(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
     out = BytesIO()
-    np.savez_compressed(out, **arrays)  # type: ignore[arg-type]
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w") as file:  # carries no date, so that equal layers give equal bytes
+                np.lib.format.write_array(file, values, allow_pickle=False)
     write_bytes(path, out.getvalue())

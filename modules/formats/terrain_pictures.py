@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from modules.types import ElevationMap, FloatImage, Hazard, Mask
 
 Kind = Literal["relief", "height", "slope", "traversability"]
 Colours = NDArray[np.uint8]
+T = TypeVar("T", bound=np.generic)
 
 VERTICAL_STRETCH = 1.5
 SUN = (0.5, 0.5, 0.70710678)  # unit vector to the sun: ahead, left and up, which is the upper left of the picture
@@ -74,6 +75,23 @@ def write_terrain_picture(path: Path | str, grid: ElevationMap, kind: Kind = "re
         drawn = np.where(np.asarray(filled, bool)[..., None], drawn * 0.7 + 255 * 0.3, drawn)
     coloured: Colours = np.where(known[..., None], drawn, UNKNOWN).astype(np.uint8)
     write_image(path, _framed(_enlarged(coloured), grid, kind, scale, words))
+
+
+def write_ortho(path: Path | str, grid: ElevationMap, colours: Colours) -> None:
+    """Write the colours (H, W, 3) of the cells from above, one pixel a cell, `upright`; unknown cells are dark.
+
+    Raises
+    ------
+    FormatError
+        When the path cannot be written.
+    """
+    known = np.isfinite(np.asarray(grid.layers["elevation"]))
+    write_image(path, upright(np.where(known[..., None], colours, UNKNOWN).astype(np.uint8)))
+
+
+def upright(cells: NDArray[T]) -> NDArray[T]:
+    """Turn rows of y and columns of x so that forward (x) is up and left (y) is left; doing it twice undoes it."""
+    return np.ascontiguousarray(cells.swapaxes(0, 1)[::-1, ::-1])
 
 
 def _palette(map_id: int) -> Colours:
@@ -163,15 +181,15 @@ def round_step(value: float) -> float:
 
 
 def _enlarged(drawn: Colours) -> Colours:
-    """Turn rows of y and columns of x so that forward is up and left is left, and enlarge by a whole factor."""
-    upright = np.ascontiguousarray(drawn.transpose(1, 0, 2)[::-1, ::-1])
-    side = max(upright.shape[:2])
+    """Turn upright, and enlarge by a whole factor."""
+    turned = upright(drawn)
+    side = max(turned.shape[:2])
     if side > 2 * MAP_SIDE_PX:
         scale = MAP_SIDE_PX / side
-        size = (max(1, round(upright.shape[1] * scale)), max(1, round(upright.shape[0] * scale)))
-        return np.asarray(cv2.resize(upright, size, interpolation=cv2.INTER_AREA), np.uint8)
+        size = (max(1, round(turned.shape[1] * scale)), max(1, round(turned.shape[0] * scale)))
+        return np.asarray(cv2.resize(turned, size, interpolation=cv2.INTER_AREA), np.uint8)
     factor = max(1, MAP_SIDE_PX // side)
-    return np.repeat(np.repeat(upright, factor, axis=0), factor, axis=1)
+    return np.repeat(np.repeat(turned, factor, axis=0), factor, axis=1)
 
 
 def _framed(drawn: Colours, grid: ElevationMap, kind: Kind, scale: _Scale, words: str) -> Colours:

@@ -47,28 +47,54 @@ def write_viewer(
     FormatError
         When no cell is known, or the path cannot be written.
     """
-    thin = max(1, math.ceil(math.sqrt(grid.layers["elevation"].size / MAX_CELLS)))
-    data = _data(path, grid, points, thin)
-    folder = files("modules.formats")
-    script = folder.joinpath("viewer.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
-    page = folder.joinpath("viewer.html").read_text(encoding="utf-8")
+    if not np.isfinite(np.asarray(grid.layers["elevation"])).any():
+        raise FormatError(f"{path}: no cell of the elevation grid is known, so there is nothing to show")
+    colours = None if points is None or points.rgb is None else cell_colours(grid, points)
+    write_text(Path(path), viewer_page(grid, colours, title))
+
+
+def viewer_page(
+    grid: ElevationMap, colours: NDArray[np.uint8] | None = None, title: str = "terrain", max_cells: int = MAX_CELLS
+) -> str:
+    """Return the page of `write_viewer`.
+
+    Parameters
+    ----------
+    grid : ElevationMap
+        At least one cell is known.
+    colours : uint8 (H, W, 3), optional
+        Of the image, for each cell.
+    title : str
+    max_cells : int
+        A larger map is thinned out; a cell takes 12 bytes.
+    """
+    thin = max(1, math.ceil(math.sqrt(grid.layers["elevation"].size / max_cells)))
+    data = _data(grid, colours, thin)
+    page = files("modules.formats").joinpath("viewer.html").read_text(encoding="utf-8")
     content = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     for mark, text in (
-        ("@HASH@", f"sha256-{digest}"),
+        ("@HASH@", viewer_script_hash()),
         ("@TITLE@", html.escape(title)),
-        ("@SCRIPT@", script),
+        ("@SCRIPT@", _script()),
         ("@DATA@", content),
     ):
         page = page.replace(mark, text)
-    write_text(Path(path), page)
+    return page
 
 
-def _data(path: Path | str, grid: ElevationMap, points: PointCloud | None, thin: int) -> dict[str, object]:
+def _script() -> str:
+    return files("modules.formats").joinpath("viewer.js").read_text(encoding="utf-8")
+
+
+def viewer_script_hash() -> str:
+    """Return the hash of the page's script, as a content security policy names it."""
+    digest = hashlib.sha256(_script().encode("utf-8")).digest()
+    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
+
+
+def _data(grid: ElevationMap, colours: NDArray[np.uint8] | None, thin: int) -> dict[str, object]:
     z = np.asarray(grid.layers["elevation"], np.float64)[::thin, ::thin]
     known = np.isfinite(z)
-    if not known.any():
-        raise FormatError(f"{path}: no cell of the elevation grid is known, so there is nothing to show")
     low, high = float(z[known].min()), float(z[known].max())
     high = max(high, low + 1e-3)
     height = np.where(known, np.rint((np.nan_to_num(z) - low) / (high - low) * HEIGHT_LEVELS), NO_HEIGHT)
@@ -90,21 +116,21 @@ def _data(path: Path | str, grid: ElevationMap, points: PointCloud | None, thin:
         "height": _base64(height.astype("<u2")),
         "size": f"{np.count_nonzero(known)} cells of {cell:g} m" + (f", every {thin}th" if thin > 1 else ""),
     }
-    data["layers"] = _layers(grid, points, thin, known, data)
+    data["layers"] = _layers(grid, colours, thin, known, data)
     return data
 
 
 def _layers(
     grid: ElevationMap,
-    points: PointCloud | None,
+    colours: NDArray[np.uint8] | None,
     thin: int,
     known: Mask,
     data: dict[str, object],
 ) -> list[dict[str, str]]:
     """Put the colours into `data` and return what the page offers to choose, in order."""
     offered = []
-    if points is not None and points.rgb is not None:
-        data["image"] = _base64(cell_colours(grid, points)[::thin, ::thin])
+    if colours is not None:
+        data["image"] = _base64(colours[::thin, ::thin])
         offered.append({"name": "image", "title": "image", "note": "mean colour of the pixels in the cell"})
     elevation = np.asarray(grid.layers["elevation"], np.float64)
     low, high = (float(value) for value in np.nanpercentile(elevation, [1.0, 99.0]))

@@ -7,7 +7,7 @@ from synthetic_pairs import shifted_pair
 
 from expert.decision import Decision
 from expert.engine import make_engine
-from expert.explain import ExplainError, how, what_if, what_would_it_take, why_not
+from expert.explain import ExplainError, how, not_chosen, what_if, what_would_it_take, why_not
 from expert.facts import Fact, vocabulary
 from expert.recorder import inputs_record
 from expert.rules.load import load_rules
@@ -290,3 +290,10 @@ def test_other_rules_than_those_of_the_record_are_refused(decision, rules):
 def test_that_no_rule_ever_gives_an_operator_is_stated(decision, rules, engine):
     answer = what_would_it_take(decision, rules, engine, "matching.matcher=none")
     assert "no rule ever chooses it, and it is not the default" in answer.text()
+
+
+def test_every_operator_without_a_slot_is_answered_like_a_single_question(decision, rules):
+    answers = not_chosen(decision, rules)
+    chosen = {step.operator for step in decision.steps()}
+    assert [answer.name for answer in answers] == sorted(set(operators()) - chosen)
+    assert answers[0] == why_not(decision, rules, answers[0].name)

@@ -7,12 +7,16 @@ import math
 import re
 import struct
 import sys
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 
 from modules import formats as f
+from modules.formats.layers import parse_layers, write_layers
+from modules.formats.terrain_pictures import UNKNOWN, write_ortho
 from modules.formats.viewer import write_viewer
 from modules.primitives.surface import surface_of
 from modules.types import Datum, ElevationMap, Hazard, PointCloud
@@ -360,3 +364,25 @@ def test_points_without_covariance_and_colour_are_written_bare(tmp_path):
     f.write_pcd(tmp_path / "p.pcd", bare)
     assert read_pcd(tmp_path / "p.pcd").dtype.names == ("x", "y", "z")
     assert struct.calcsize("<3f") * 3 < (tmp_path / "p.pcd").stat().st_size
+
+
+def test_equal_layers_give_equal_bytes_and_single_layers_can_be_read(tmp_path):
+    write_layers(tmp_path / "a.npz", grid())
+    write_layers(tmp_path / "b.npz", grid())
+    content = (tmp_path / "a.npz").read_bytes()
+    assert content == (tmp_path / "b.npz").read_bytes()
+    assert set(parse_layers("a.npz", content, {"elevation"}).layers) == {"elevation"}
+
+
+def test_the_ground_from_above_has_forward_up_left_left_and_unknown_cells_dark(tmp_path):
+    made = grid(4, 6)
+    elevation = np.asarray(made.layers["elevation"]).copy()
+    elevation[:] = 0.0
+    elevation[0, 0] = np.nan
+    colours = np.full((4, 6, 3), 100, np.uint8)
+    colours[3, 5] = (1, 2, 3)  # the largest y and x: farthest to the left, and ahead
+    write_ortho(tmp_path / "o.png", replace(made, layers={"elevation": elevation}), colours)
+    picture = cv2.imread(str(tmp_path / "o.png"))[:, :, ::-1]
+    assert picture.shape == (6, 4, 3)
+    assert tuple(picture[0, 0]) == (1, 2, 3)
+    assert tuple(picture[5, 3]) == UNKNOWN
