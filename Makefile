@@ -153,6 +153,10 @@ clean:  ## Remove the environment and everything that was built
 	rm -rf $(VENV) build dist site docs/generated demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+.PHONY: bench-batch
+bench-batch: $(STAMP)  ## Measure long runs: throughput of 1 and 2 workers, overhead, 50 kills, growth over 5000 pairs
+	@$(BIN)/python -m benchmarks.batch $(ARGS)
+
 .PHONY: bench-correction bench-correction-rules
 bench-correction: $(STAMP)  ## Measure the time of every operator of correction
 	@$(BIN)/python -m benchmarks.correction $(ARGS)

@@ -269,6 +269,7 @@ def threads() -> None:
     views = made_pair(1280, 960)
     spent = []
     for number in (1, 2):
+        cv2.setNumThreads(number)
         run(OWN, {"threads": number}, views, DisparityRange(0, 128))
         start = time.perf_counter()
         for _ in range(REPEATS):

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from expert.cli.usage import UsageError
+
 if TYPE_CHECKING:
     from expert.batch import Outcome, Plan, Progress
 
@@ -59,7 +61,6 @@ def batch(
     """Reconstruct many pairs; an interrupted batch goes on where it was."""
     from expert.batch import Batch, ChangedSettings, Limits, Settings, find_pairs, select
     from expert.batch.page import write_page
-    from expert.cli.main import UsageError
 
     for name, value in (("--jobs", jobs), ("--limit", limit), ("--threads", threads), ("--memory-limit", memory_limit)):
         if value is not None and value < 1:

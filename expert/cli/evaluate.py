@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
+from expert.cli.usage import UsageError
+
 if TYPE_CHECKING:
     from expert.evaluate import Case, ExpertConfiguration, FixedSystem, Store, Table
     from expert.evaluate.ablation import RuleEffect
@@ -86,7 +88,6 @@ def evaluate(
 def _cases(
     data: Sequence[Path], split: str | None, rendered: int, every: int, variants: str, seeds: int
 ) -> tuple[Case, ...]:
-    from expert.cli.main import UsageError
     from expert.evaluate import RenderedTerrain, expand, parse_variants
     from modules.formats.datasets import list_pairs
 
@@ -106,7 +107,6 @@ def _cases(
 
 
 def _own(profiles: Sequence[str], range_: Range, layers: tuple[str, ...]) -> list[ExpertConfiguration]:
-    from expert.cli.main import UsageError
     from expert.evaluate import ExpertConfiguration
 
     for name in profiles:
@@ -128,7 +128,6 @@ def _candidates(files: Sequence[Path], layers: tuple[str, ...]) -> list[ExpertCo
 
 
 def _chosen(grid: Mapping[str, FixedSystem], only: Sequence[str] | None) -> list[FixedSystem]:
-    from expert.cli.main import UsageError
     from expert.rules.problem import suggest
 
     if not only:
@@ -165,7 +164,6 @@ def _compared(files: tuple[Path, Path], layers: tuple[str, ...], cases: Sequence
 def _ablated(
     wanted: Sequence[str], own: Sequence[ExpertConfiguration], cases: Sequence[Case], store: Store, jobs: int
 ) -> tuple[RuleEffect, ...]:
-    from expert.cli.main import UsageError
     from expert.evaluate.ablation import ablate
     from expert.rules.problem import suggest
 

@@ -12,6 +12,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from expert.cli.usage import UsageError
+
 Format = Literal["text", "csv", "json", "parquet"]
 Rows = Sequence[Sequence[object]]
 COLUMNS = "r.pair, r.status, r.reason, r.score, round(r.seconds, 3) AS seconds, r.decision_id, r.finished"
@@ -37,7 +39,6 @@ def log(
 ) -> None:
     """Ask the log of a batch which pairs, rules and facts; without a question, list all pairs."""
     from expert.batch.runlog import NAME, RunLog
-    from expert.cli.main import UsageError
 
     text, values = _query(status, rule, not_rule, finding, operator, slowest, changed, rules, runs, fact, sql)
     names, found = RunLog(folder / NAME, read_only=True).query(text, values)
@@ -137,7 +138,6 @@ def _json(names: Sequence[str], rows: Rows) -> str:
 
 
 def _parquet(path: Path, names: Sequence[str], rows: Rows) -> None:
-    from expert.cli.main import UsageError
 
     try:
         import pyarrow

@@ -9,39 +9,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from expert.cli.pair_options import (
-    AlphaOption,
-    AttitudeOption,
-    CalibrationOption,
-    ConventionOption,
-    Degrees,
-    ImuOption,
-    Left,
-    RangeOption,
-    RectifiedOption,
-    Right,
-    ScaleOption,
-    StatedAttitude,
-    StatedCalibration,
-    TimeOption,
-    load_pair,
-)
+from expert.cli.options import PairOptions, SystemOptions, expanded
 from expert.cli.terrain_options import DatumOption, MaskOption, ProductsOption, RoverOption
 from expert.cli.usage import UsageError
 
-if TYPE_CHECKING:
-    from expert.api import ExpertSystem
-    from modules.types import Rover
-
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-
-RulesOption = Annotated[list[Path] | None, typer.Option("--rules", help="Rule file layered on the shipped rules")]
-Profile = Literal["fast", "balanced", "best"]
-EngineName = Literal["experta", "compiled"]
 
 
 @contextmanager
@@ -56,31 +32,11 @@ def _progress() -> Iterator[Callable[[str], None] | None]:
         yield status.update
 
 
-def _system(rules: list[Path] | None, profile: Profile, engine: EngineName, rover: Rover | None = None) -> ExpertSystem:
-    from expert.api import ExpertSystem
-
-    return ExpertSystem(rules=rules or [], profile=profile, engine=engine, rover=rover)
-
-
 @app.command()
+@expanded
 def run(
-    left: Left,
-    right: Right,
-    calibration: CalibrationOption = None,
-    rectified: RectifiedOption = False,
-    alpha: AlphaOption = None,
-    scale_calibration: ScaleOption = False,
-    attitude: AttitudeOption = None,
-    roll: Degrees = None,
-    pitch: Degrees = None,
-    yaw: Degrees = None,
-    imu: ImuOption = None,
-    time: TimeOption = None,
-    convention: ConventionOption = "rep103",
-    rules: RulesOption = None,
-    disparity_range: RangeOption = None,
-    profile: Profile = "balanced",
-    engine: EngineName = "experta",
+    pair: PairOptions,
+    system: SystemOptions,
     out: Annotated[Path, typer.Option(help="Folder for the products; appears whole or not at all")] = Path(
         "terrex-out"
     ),
@@ -95,12 +51,10 @@ def run(
 
     check_folder(out)
     chosen, place, vehicle = stated_products(products), stated_datum(datum), stated_rover(rover)
-    cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
-    stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
-    pair = masked(load_pair(left, right, cameras, stated, disparity_range), mask)
-    system = _system(rules, profile, engine, vehicle)
+    seen = masked(pair.load(), mask)
+    expert = system.system(vehicle)
     with _progress() as progress:
-        result = system.reconstruct(pair, progress=progress)
+        result = expert.reconstruct(seen, progress=progress)
     result.save(out, products=chosen, datum=place)
     typer.echo(result.decision.text(), nl=False)
     typer.echo(f"\nwritten to {out}")
@@ -109,33 +63,17 @@ def run(
 
 
 @app.command()
+@expanded
 def decide(
-    left: Left,
-    right: Right,
-    calibration: CalibrationOption = None,
-    rectified: RectifiedOption = False,
-    alpha: AlphaOption = None,
-    scale_calibration: ScaleOption = False,
-    attitude: AttitudeOption = None,
-    roll: Degrees = None,
-    pitch: Degrees = None,
-    yaw: Degrees = None,
-    imu: ImuOption = None,
-    time: TimeOption = None,
-    convention: ConventionOption = "rep103",
-    rules: RulesOption = None,
-    disparity_range: RangeOption = None,
-    profile: Profile = "balanced",
-    engine: EngineName = "experta",
+    pair: PairOptions,
+    system: SystemOptions,
     json: Annotated[bool, typer.Option("--json", help="Print the whole record")] = False,
 ) -> None:
     """Measure a pair and print what would be done and why; nothing is matched."""
-    cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
-    stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
-    pair = load_pair(left, right, cameras, stated, disparity_range)
-    system = _system(rules, profile, engine)
+    loaded = pair.load()
+    expert = system.system()
     with _progress() as progress:
-        decision = system.decide(pair, progress=progress)
+        decision = expert.decide(loaded, progress=progress)
     typer.echo(decision.to_json() if json else decision.text(), nl=False)
     if decision.status == "failed":
         raise typer.Exit(1)

@@ -9,17 +9,7 @@ import numpy as np
 import typer
 
 from expert.cli.explain import read_record
-from expert.cli.pair_options import (
-    AlphaOption,
-    CalibrationOption,
-    Left,
-    RectifiedOption,
-    Right,
-    ScaleOption,
-    StatedAttitude,
-    StatedCalibration,
-    load_pair,
-)
+from expert.cli.options import CameraOptions, Left, Right, expanded
 from expert.cli.usage import UsageError
 from expert.plan import PlanError, StepFailed
 from expert.replay import Replayed, ReplayError, as_recorded, load_recorded_pair, replay
@@ -27,14 +17,12 @@ from modules.formats.disparity import read_pfm
 from modules.formats.errors import FormatError
 
 
+@expanded
 def replay_command(
     record: Annotated[Path, typer.Argument(metavar="DECISION", help="decision.json of a run, or of decide --json")],
     left: Left,
     right: Right,
-    calibration: CalibrationOption = None,
-    rectified: RectifiedOption = False,
-    alpha: AlphaOption = None,
-    scale_calibration: ScaleOption = False,
+    cameras: CameraOptions,
     out: Annotated[Path | None, typer.Option(help="Folder for the products; appears whole or not at all")] = None,
 ) -> None:
     """Run exactly the saved plan, without any rule, and say whether inputs and products are those of the record.
@@ -44,9 +32,8 @@ def replay_command(
     """
     decision = read_record(record)
     try:
-        if calibration:
-            stated = StatedCalibration(calibration, rectified, alpha, scale_calibration)
-            pair = as_recorded(load_pair(left, right, stated, StatedAttitude(), None), decision.inputs)
+        if cameras.calibration:
+            pair = as_recorded(cameras.load(left, right), decision.inputs)
         else:
             pair = load_recorded_pair(decision.inputs, left, right)
         replayed = replay(decision, pair)

@@ -5,51 +5,22 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal, Optional
+from typing import Annotated, Optional
 
 import typer
 
-from expert.cli.pair_options import (
-    AlphaOption,
-    AttitudeOption,
-    CalibrationOption,
-    ConventionOption,
-    Degrees,
-    ImuOption,
-    Left,
-    RangeOption,
-    RectifiedOption,
-    Right,
-    ScaleOption,
-    StatedAttitude,
-    StatedCalibration,
-    TimeOption,
-    load_pair,
-)
+from expert.cli.options import EngineName, PairOptions, Profile, expanded
 from expert.cli.rule_common import Layers
-from expert.engine import EngineName
 from expert.rules.load import shipped_file
 
 INTERVAL_S = 0.2
 
 
+@expanded
 def watch(
-    left: Left,
-    right: Right,
+    pair: PairOptions,
     rules: Layers = None,
-    calibration: CalibrationOption = None,
-    rectified: RectifiedOption = False,
-    alpha: AlphaOption = None,
-    scale_calibration: ScaleOption = False,
-    attitude: AttitudeOption = None,
-    roll: Degrees = None,
-    pitch: Degrees = None,
-    yaw: Degrees = None,
-    imu: ImuOption = None,
-    time: TimeOption = None,
-    convention: ConventionOption = "rep103",
-    disparity_range: RangeOption = None,
-    profile: Literal["fast", "balanced", "best"] = "balanced",
+    profile: Profile = "balanced",
     engine: EngineName = "compiled",
     saves: Annotated[Optional[int], typer.Option(help="End after so many saves; by Ctrl-C without.")] = None,  # noqa: UP045
 ) -> None:
@@ -57,12 +28,9 @@ def watch(
     from expert.api import ExpertSystem
     from expert.watch import Watch
 
-    cameras = StatedCalibration(calibration, rectified, alpha, scale_calibration)
-    stated = StatedAttitude(attitude, (roll, pitch, yaw), imu, time, convention)
-    pair = load_pair(left, right, cameras, stated, disparity_range)
     shipped = shipped_file()
     files = [*([shipped] if shipped else []), *(rules or [])]
-    watched = Watch(pair, lambda: ExpertSystem(rules=rules or [], profile=profile, engine=engine))
+    watched = Watch(pair.load(), lambda: ExpertSystem(rules=rules or [], profile=profile, engine=engine))
     first = watched.look()
     typer.echo("\n".join(first) if watched.decision is None else watched.decision.text().rstrip())
     typer.echo(f"\nwatching {', '.join(str(file) for file in files)}; end with Ctrl-C")

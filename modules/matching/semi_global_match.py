@@ -17,6 +17,7 @@ from modules.matching.common import Bytes, assemble, checked_range, to_bytes
 from modules.matching.features import FINENESS, CensusName, CostName, compute_features, smooth_levels, window_of
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
+from modules.primitives.threads import allowed_threads
 from modules.types import DisparityRange, FloatImage, Invalid, Matching
 
 LARGEST_COST = 36.0  # costs are cut off here: two unrelated windows seldom differ by more, bits of census
@@ -56,7 +57,9 @@ class SemiGlobalMatchParams(OperatorParams):
     coarse_to_fine: bool = Field(
         False, description="Match half-size images first and give each tile its range: for large images and ranges"
     )
-    threads: Literal[1, 2] = Field(2, description="Threads; the result does not depend on them")
+    threads: Literal[1, 2] = Field(
+        2, description="Most threads, within `cv2.setNumThreads`; the result does not depend on them"
+    )
     max_memory_mb: int = Field(512, ge=1, le=65536, description="Most memory for path costs, MB; less takes longer")
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
 
@@ -111,7 +114,7 @@ def match_gray(left: Bytes, right: Bytes, search: DisparityRange, params: SemiGl
         If the memory does not suffice.
     """
     _announce_compilation()
-    with ThreadPoolExecutor(2) if params.threads == 2 else nullcontext() as pool:
+    with ThreadPoolExecutor(2) if allowed_threads(params.threads) == 2 else nullcontext() as pool:
         found = _match_levels(left, right, search, params, pool)
         if params.subpixel != "intensity":
             return found

@@ -1,0 +1,209 @@
+"""Options that mean the same in every command: what is known of a pair, and which system works on it.
+
+A group of options is a dataclass; `expanded` gives a command the options of the groups that it takes.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
+
+import typer
+
+from expert.cli.usage import UsageError
+
+if TYPE_CHECKING:
+    from expert.api import ExpertSystem
+    from expert.pair import StereoPair
+    from modules.types import Attitude, Rover
+
+Left = Annotated[Path, typer.Argument(help="Left image")]
+Right = Annotated[Path, typer.Argument(help="Right image")]
+CalibrationOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--calibration",
+        help="terrex YAML, OpenCV, ROS, Kalibr, KITTI or Middlebury; raw images are rectified. Give it twice for the "
+        "two files of OpenCV (intrinsics, extrinsics) or ROS (left, right)",
+    ),
+]
+RectifiedOption = Annotated[
+    bool, typer.Option("--rectified", help="The images are rectified already, though the calibration is of raw ones")
+]
+AlphaOption = Annotated[
+    float | None, typer.Option("--alpha", help="Rectification: 0 keeps only valid pixels, 1 all the cameras saw")
+]
+ScaleOption = Annotated[
+    bool, typer.Option("--scale-calibration", help="Scale a calibration of another size of the same images")
+]
+AttitudeOption = Annotated[
+    Path | None,
+    typer.Option("--attitude", help="YAML: roll_deg, ..., quaternion, rotation_matrix or accelerometer_mps2"),
+]
+Degrees = Annotated[float | None, typer.Option(help="degrees, REP 103: positive pitch lowers the nose")]
+ImuOption = Annotated[Path | None, typer.Option("--imu", help="CSV log of the inertial unit; needs --time")]
+TimeOption = Annotated[float | None, typer.Option("--time", help="Time of the pair on the clock of --imu, s")]
+Convention: TypeAlias = Literal["rep103", "aerospace"]
+ConventionOption = Annotated[
+    Convention, typer.Option("--convention", help="Of --roll --pitch --yaw and --imu; aerospace: nose up, heading")
+]
+RangeOption = Annotated[
+    tuple[int, int] | None, typer.Option("--disparity-range", metavar="MIN MAX", help="px; estimated if not given")
+]
+RulesOption = Annotated[list[Path] | None, typer.Option("--rules", help="Rule file layered on the shipped rules")]
+Profile: TypeAlias = Literal["fast", "balanced", "best"]
+EngineName: TypeAlias = Literal["experta", "compiled"]
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """What the command line says of the cameras."""
+
+    calibration: CalibrationOption = None
+    rectified: RectifiedOption = False
+    alpha: AlphaOption = None
+    scale_calibration: ScaleOption = False
+
+    def load(
+        self, left: Path, right: Path, attitude: Attitude | None = None, range_px: tuple[int, int] | None = None
+    ) -> StereoPair:
+        """Read a pair of these cameras.
+
+        Raises
+        ------
+        UsageError
+            Something is said of a calibration that is not given.
+        """
+        from expert.pair import StereoPair
+
+        if not self.calibration and (self.rectified or self.alpha is not None or self.scale_calibration):
+            raise UsageError("--rectified, --alpha and --scale-calibration say how to use --calibration; give it")
+        return StereoPair.load(
+            left,
+            right,
+            calibration=self.calibration or None,
+            attitude=attitude,
+            disparity_range_px=range_px,
+            rectified=self.rectified,
+            alpha=self.alpha,
+            scale_calibration=self.scale_calibration,
+        )
+
+
+@dataclass(frozen=True)
+class AttitudeOptions:
+    """What the command line says of the attitude; at most one way may be used."""
+
+    attitude: AttitudeOption = None
+    roll: Degrees = None
+    pitch: Degrees = None
+    yaw: Degrees = None
+    imu: ImuOption = None
+    time: TimeOption = None
+    convention: ConventionOption = "rep103"
+
+    def read(self) -> Attitude | None:
+        """Return the attitude, or None where none was given.
+
+        Raises
+        ------
+        UsageError
+            Two ways at once, or half of one.
+        """
+        from modules.formats import attitude_from_degrees, read_attitude, read_imu_log
+
+        by_angles = any(angle is not None for angle in (self.roll, self.pitch, self.yaw))
+        if self.attitude is not None and by_angles:
+            raise UsageError("give --attitude FILE or --roll --pitch --yaw, not both")
+        if self.imu is not None and (self.attitude is not None or by_angles):
+            raise UsageError("give --imu LOG --time T, --attitude FILE or --roll --pitch --yaw: one of them")
+        if (self.imu is None) != (self.time is None):
+            raise UsageError("--imu LOG and --time T belong together; give both or neither")
+        if self.imu is not None and self.time is not None:
+            return read_imu_log(self.imu, self.convention).at(self.time)
+        if self.attitude is not None:
+            return read_attitude(self.attitude)
+        if by_angles:
+            return attitude_from_degrees(self.roll or 0.0, self.pitch or 0.0, self.yaw, convention=self.convention)
+        return None
+
+
+@dataclass(frozen=True)
+class PairOptions:
+    """A pair, and what the command line says of it."""
+
+    left: Left
+    right: Right
+    cameras: CameraOptions
+    stated: AttitudeOptions
+    disparity_range: RangeOption = None
+
+    def load(self) -> StereoPair:
+        """Read the pair."""
+        return self.cameras.load(self.left, self.right, self.stated.read(), self.disparity_range)
+
+
+@dataclass(frozen=True)
+class SystemOptions:
+    """Which expert system works on pairs."""
+
+    rules: RulesOption = None
+    profile: Profile = "balanced"
+    engine: EngineName = "experta"
+
+    def system(self, rover: Rover | None = None) -> ExpertSystem:
+        """Return the system."""
+        from expert.api import ExpertSystem
+
+        return ExpertSystem(rules=self.rules or [], profile=self.profile, engine=self.engine, rover=rover)
+
+
+def expanded(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of the groups that its parameters name, and pass it the groups.
+
+    Parameters
+    ----------
+    command : callable
+        Its parameters are options for typer, or groups: dataclasses of options, or of groups.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    own = inspect.signature(command).parameters
+    groups = {name: hints[name] for name in own if is_dataclass(hints[name])}
+    found: dict[str, inspect.Parameter] = {}
+    for name, parameter in own.items():
+        options = _options(groups[name]) if name in groups else [parameter.replace(annotation=hints[name])]
+        found.update({option.name: option.replace(kind=inspect.Parameter.KEYWORD_ONLY) for option in options})
+
+    @functools.wraps(command)
+    def with_options(**values: Any) -> None:
+        made = {name: _made(group, values) for name, group in groups.items()}
+        command(**made, **{name: values[name] for name in own if name not in groups})
+
+    with_options.__annotations__ = {name: parameter.annotation for name, parameter in found.items()}
+    with_options.__signature__ = inspect.Signature(list(found.values()))  # type: ignore[attr-defined]
+    return with_options
+
+
+def _options(group: type) -> Iterator[inspect.Parameter]:
+    """Yield the options of a group, those of groups in it included."""
+    hints = get_type_hints(group, include_extras=True)
+    defaults = inspect.signature(group).parameters
+    for field in fields(group):
+        if is_dataclass(hints[field.name]):
+            yield from _options(hints[field.name])
+        else:
+            yield defaults[field.name].replace(annotation=hints[field.name])
+
+
+def _made(group: type, values: Mapping[str, Any]) -> Any:
+    """Return a group with the values of its options."""
+    hints: dict[str, Any] = get_type_hints(group, include_extras=True)
+    made = {
+        field.name: _made(hints[field.name], values) if is_dataclass(hints[field.name]) else values[field.name]
+        for field in fields(group)
+    }
+    return group(**made)
