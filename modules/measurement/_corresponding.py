@@ -143,8 +143,16 @@ def _patchiness(blocks: Corresponding, residual: Floats) -> float:
     if np.count_nonzero(bright) < len(blocks) / 2:
         bright[:] = True
     column, row = (np.floor(place[bright] / PATCH).astype(int) for place in (blocks.x, blocks.y))
-    _, index, counts = np.unique(100 * row + column, return_inverse=True, return_counts=True)
-    order = np.argsort(index, kind="stable")
-    patches = np.split(residual[bright][order], np.cumsum(counts)[:-1])
-    medians = [float(np.median(patch)) for patch in patches if len(patch) >= PATCH_BLOCKS]
+    medians = _medians(residual[bright], 100 * row + column)
     return float(np.std(medians)) if len(medians) > 5 else 0.0
+
+
+def _medians(values: Floats, group: NDArray[np.int64]) -> Floats:
+    """Return the median of each group of at least 6 values."""
+    order = np.lexsort((values, group))
+    ordered = values[order]
+    first = np.flatnonzero(np.diff(group[order], prepend=-(10**9)))
+    counts = np.diff(first, append=len(values))
+    middle = first + (counts - 1) / 2
+    medians = (ordered[np.floor(middle).astype(int)] + ordered[np.ceil(middle).astype(int)]) / 2
+    return np.asarray(medians[counts >= PATCH_BLOCKS])

@@ -87,8 +87,8 @@ def measure_brightness(sample: Sample) -> list[Brightness]:
 def _block_difference(sample: Sample, table: NDArray[np.float64]) -> float:
     """Median absolute difference of 12 x 6 block means, after mapping the left image by `table`."""
     left, right = sample.common_quarter
-    mapped = table.astype(np.float32)[left]
-    a, b = (cv2.resize(x.astype(np.float32), (6, 12), interpolation=cv2.INTER_AREA) for x in (mapped, right))
+    mapped = np.asarray(cv2.LUT(left, table.astype(np.float32)), np.float32).reshape(left.shape)
+    a, b = (cv2.resize(x, (6, 12), interpolation=cv2.INTER_AREA) for x in (mapped, right.astype(np.float32)))
     return float(np.median(np.abs(a - b)))
 
 

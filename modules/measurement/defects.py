@@ -15,6 +15,8 @@ from modules.probe import FactModel, Probe, quantity
 RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.uint8)
 MARGIN_DN = 24  # beyond the brightest or darkest neighbour, on top of the spread of the neighbours
 STEP_DN = 8  # a line differs by this from the mean of its neighbours ...
+STRIP_PX = 64  # rows that are looked at together; of large images only every second or third strip is
+ENOUGH_PX = 300_000  # pixels that suffice
 ENOUGH_ROWS = 240  # of a column tell whether it stands out
 ONE_SIDED = 0.93  # ... with one sign on nearly its whole length, which edges of a scene seldom do
 
@@ -53,21 +55,29 @@ def measure_defects(sample: Sample) -> list[Defects]:
 
 
 def _stuck_ppm(image: NDArray[np.uint8]) -> float:
+    rows, columns = image.shape[:2]
+    step = STRIP_PX * max(1, rows * columns // ENOUGH_PX)
+    strips = [image] if step == STRIP_PX else [image[row : row + STRIP_PX] for row in range(0, rows, step)]
+    return 1e6 * sum(map(_stuck, strips)) / sum(strip.shape[0] * columns for strip in strips)
+
+
+def _stuck(image: NDArray[np.uint8]) -> int:
+    """Return the number of pixels with a channel far outside of its neighbours."""
     planes: list[Any] = [image] if image.ndim == 2 else list(cv2.split(image))
     found = np.zeros(planes[0].shape, np.uint8)
     for plane in planes:
         brightest, darkest = cv2.dilate(plane, RING), cv2.erode(plane, RING)
         beyond = cv2.max(cv2.subtract(plane, brightest), cv2.subtract(darkest, plane))
         spread = cv2.subtract(brightest, darkest)
-        found |= np.asarray(cv2.subtract(beyond, spread) > MARGIN_DN, np.uint8)
-    return 1e6 * cv2.countNonZero(found) / found.size
+        found = cv2.max(found, cv2.subtract(beyond, spread))
+    return int(np.count_nonzero(found > MARGIN_DN))
 
 
 def _lines(gray: Gray) -> int:
     if gray.shape[1] < 3:
         return 0
-    values = gray[:: max(1, gray.shape[0] // ENOUGH_ROWS)].astype(np.int16)
-    twice = 2 * values[:, 1:-1] - values[:, :-2] - values[:, 2:]
+    values = np.ascontiguousarray(gray[:: max(1, gray.shape[0] // ENOUGH_ROWS)])
+    twice = np.asarray(cv2.sepFilter2D(values, cv2.CV_16S, np.array([-1.0, 2.0, -1.0]), np.ones(1)))[:, 1:-1]
     signs = [np.asarray(sign, np.uint8) for sign in (twice > 2 * STEP_DN, twice < -2 * STEP_DN)]
     shares = [cv2.reduce(sign, 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel() for sign in signs]
     found = np.concatenate([[False], np.abs(shares[0] - shares[1]) > ONE_SIDED])

@@ -41,7 +41,7 @@ class Histogram(FactModel):
 
 
 def measure_histograms(sample: Sample) -> list[Histogram]:
-    """Return one `histogram` fact per side and channel, from every second row and column."""
+    """Return one `histogram` fact per side and channel, from every few rows."""
     sides: tuple[Side, ...] = get_args(Side)
     channels: tuple[Channel, ...] = get_args(Channel)
     return [

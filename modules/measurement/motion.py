@@ -8,13 +8,12 @@ import numpy as np
 from scipy.linalg import eigh
 
 from modules.measurement.sample import Gray, Sample
-from modules.primitives.noise import estimate_noise_dn
 from modules.primitives.statistics import Floats
 from modules.probe import FactModel, Probe, quantity
 
 STRONG_DN = 60.0  # gradients beyond this weigh less, so that a few edges do not decide
 LEAST_ENERGY = 0.5  # dn^2; less gradient energy says nothing
-ENOUGH_PX = 250_000  # pixels of the middle rows that suffice
+ENOUGH_PX = 160_000  # pixels of the middle rows that suffice
 NOISE_SHARE = 2.0  # noise variance in a difference of two pixels
 
 
@@ -41,7 +40,7 @@ def measure_motion(sample: Sample) -> list[Motion]:
     The structure tensor of one image relative to that of the other: its generalised eigenvalues do not depend on gain
     or on the texture of the scene, and blur lowers the one along its direction.
     """
-    tensors = [_tensor(gray) for gray in sample.gray8]
+    tensors = [_tensor(gray, noise_dn) for gray, noise_dn in zip(sample.gray8, sample.middle_noise_dn, strict=True)]
     if min(float(np.linalg.eigvalsh(tensor)[0]) for tensor in tensors) < LEAST_ENERGY:
         return [Motion()]
     values, vectors = eigh(tensors[1], tensors[0])
@@ -51,23 +50,24 @@ def measure_motion(sample: Sample) -> list[Motion]:
     return [Motion(anisotropy=float(np.clip(values[0] / values[1], 0, 1)), direction_deg=(angle + 90) % 180 - 90)]
 
 
-def _tensor(gray: Gray) -> Floats:
+def _tensor(gray: Gray, noise_dn: float) -> Floats:
     rows = min(gray.shape[0], max(64, ENOUGH_PX // gray.shape[1]))
     first = (gray.shape[0] - rows) // 2
-    values = gray[first : first + rows].astype(np.float32)
+    values = gray[first : first + rows]
     if min(values.shape) < 3:
         return np.zeros((2, 2))
-    across = values[1:-1, 2:] - values[1:-1, :-2]
-    down = values[2:, 1:-1] - values[:-2, 1:-1]
-    weight = 1 / (1 + (across * across + down * down) / STRONG_DN**2)
-    noise = NOISE_SHARE * estimate_noise_dn(gray) ** 2
-    mixed = float(np.mean(weight * across * down))
-    return np.array(
-        [
-            [float(np.mean(weight * across * across)) - noise, mixed],
-            [mixed, float(np.mean(weight * down * down)) - noise],
-        ]
-    )
+    across = np.subtract(values[1:-1, 2:], values[1:-1, :-2], dtype=np.float32).ravel()
+    down = np.subtract(values[2:, 1:-1], values[:-2, 1:-1], dtype=np.float32).ravel()
+    weight = across * across
+    weight += down * down
+    weight *= np.float32(1 / STRONG_DN**2)
+    weight += np.float32(1)
+    np.reciprocal(weight, out=weight)
+    weighted = across * weight, down * weight
+    noise = NOISE_SHARE * noise_dn**2
+    mixed = float(weighted[0] @ down)
+    energy = np.array([[float(weighted[0] @ across), mixed], [mixed, float(weighted[1] @ down)]])
+    return energy / across.size - noise * np.eye(2)
 
 
 PROBE = Probe(

@@ -20,7 +20,7 @@ class Noise(FactModel):
 
 def measure_noise(sample: Sample) -> list[Noise]:
     """Return the one `noise` fact of the pair; the green channel of colour images."""
-    sigmas = sample.noise_dn
+    sigmas = [blocks.noise_dn for blocks in sample.noise_blocks]
     return [Noise(left_sigma_dn=sigmas[0], right_sigma_dn=sigmas[1], difference_dn=sigmas[1] - sigmas[0])]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 from modules.measurement._corresponding import Corresponding, LightFit, corresponding_blocks, fit_light
 from modules.primitives.coarse import CoarseMatch, coarse_factor, coarse_match
 from modules.primitives.features import match_features, track_corners
-from modules.primitives.noise import estimate_noise_dn
-from modules.primitives.photometry import common_view, dominant_shift_px, to_8_bit, to_gray
+from modules.primitives.noise import NoiseBlocks, estimate_noise_dn, noise_blocks
+from modules.primitives.photometry import common_view, dominant_shift_px, shrink, to_8_bit, to_gray
 from modules.primitives.rows import RowFit, fit_rows
 from modules.primitives.warp import row_alignment_map, warp
 from modules.types import Correspondences, DisparityRange, Image, Views
 
 Gray = NDArray[np.uint8]
 
-HISTOGRAM_PX = 150_000  # pixels that suffice for histograms; at most every second row and column is taken
+HISTOGRAM_PX = 90_000  # pixels that suffice for histograms
 SEARCH = (-0.25, 0.45)  # disparities of the coarse match as fractions of the width; negative: swapped or toed in
 SEARCH_MARGIN_PX = 8  # around a given range
 TRACKABLE_FRACTION = 0.45  # of the thumbnail matches; clean pairs 0.6 and more, rows 12 px off at most 0.44
 TRUSTED_FRACTION = 0.2  # of the corners agree on one row model; clean pairs 0.5 and more, unrelated ones 0.01
+TRUSTED_RESIDUAL = 0.0007  # of the width; clean pairs 0.00024, corners astray where rows are far off 0.0022
 SOUND_FRACTION = 0.5  # of the thumbnail matches where rows are not far off; then nothing needs aligning
 COARSE_ROW_ERROR_PX = 1.0  # of the thumbnail; rows that are off by more are aligned before matching again
 
@@ -89,12 +90,12 @@ class Sample:
     @cached_property
     def half(self) -> tuple[Gray, Gray]:
         """Left and right luminance at half size, uint8 (about H/2, W/2)."""
-        return _shrink(self.gray8[0], 2), _shrink(self.gray8[1], 2)
+        return _halved(self.gray8[0]), _halved(self.gray8[1])
 
     @cached_property
     def quarter(self) -> tuple[Gray, Gray]:
         """Left and right luminance at quarter size, uint8 (about H/4, W/4)."""
-        return _shrink(self.half[0], 2), _shrink(self.half[1], 2)
+        return _halved(self.half[0]), _halved(self.half[1])
 
     @cached_property
     def shift_px(self) -> int:
@@ -103,34 +104,23 @@ class Sample:
             return (self.given_range.min_px + self.given_range.max_px) // 2
         return dominant_shift_px(*self.quarter) * 4
 
-    @property
-    def thinning(self) -> int:
-        """Every how many rows and columns histograms are taken of."""
-        return max(2, round((self.shape[0] * self.shape[1] / HISTOGRAM_PX) ** 0.5))
-
-    @cached_property
-    def thinned(self) -> tuple[Image, Image]:
-        """Every second row and column of both images, or fewer of large ones; original dtype and channels."""
-        step = self.thinning
-        left, right = (np.ascontiguousarray(x[::step, ::step]) for x in (self.views.left, self.views.right))
-        return cast(Image, left), cast(Image, right)
-
     @cached_property
     def planes(self) -> dict[str, tuple[Gray, Gray]]:
-        """Thinned 8-bit planes by channel name, left and right; `gray` always, colours where there are any."""
-        step = self.thinning
-        planes = {"gray": (self.gray8[0][::step, ::step], self.gray8[1][::step, ::step])}
+        """Every few rows as 8-bit planes by channel name, left and right; `gray` always, colours where there are any.
+
+        Whole rows, because single pixels out of rows of colours take as long as all of them.
+        """
+        step = max(1, round(self.shape[0] * self.shape[1] / HISTOGRAM_PX))
+        planes = {"gray": (self.gray8[0][::step], self.gray8[1][::step])}
         if self.channels == 3:
-            left, right = (to_8_bit(image) for image in self.thinned)
-            for index, name in enumerate(("red", "green", "blue")):
-                planes[name] = (left[..., index], right[..., index])
+            left, right = (cv2.split(to_8_bit(x[::step])) for x in (self.views.left, self.views.right))
+            planes.update((name, (left[i], right[i])) for i, name in enumerate(("red", "green", "blue")))  # type: ignore[misc]
         return planes
 
     @cached_property
     def common_planes(self) -> dict[str, tuple[Gray, Gray]]:
         """The planes, cut to the columns that both images see."""
-        shift = round(self.shift_px / self.thinning)
-        return {name: common_view(left, right, shift) for name, (left, right) in self.planes.items()}
+        return {name: common_view(left, right, self.shift_px) for name, (left, right) in self.planes.items()}
 
     @cached_property
     def common_quarter(self) -> tuple[Gray, Gray]:
@@ -138,12 +128,19 @@ class Sample:
         return common_view(*self.quarter, round(self.shift_px / 4))
 
     @cached_property
-    def noise_dn(self) -> tuple[float, float]:
-        """Noise of the green channel, or of the gray image, left and right, dn."""
-        if self.channels == 1:
-            return estimate_noise_dn(self.gray8[0]), estimate_noise_dn(self.gray8[1])
-        left, right = (_eight(cv2.extractChannel(x, 1)) for x in (self.views.left, self.views.right))
-        return estimate_noise_dn(left), estimate_noise_dn(right)
+    def noise_blocks(self) -> tuple[NoiseBlocks, NoiseBlocks]:
+        """Noise by block of the green channel, or of the gray image, left and right."""
+        left, right = self.gray8
+        if self.channels == 3:
+            left, right = (to_8_bit(cast(Image, cv2.extractChannel(x, 1))) for x in (self.views.left, self.views.right))
+        return noise_blocks(left), noise_blocks(right)
+
+    @cached_property
+    def middle_noise_dn(self) -> tuple[float, float]:
+        """Noise of the luminance in the middle half of the rows, where detail is compared, left and right, dn."""
+        height = self.shape[0]
+        left, right = (estimate_noise_dn(gray[height // 4 : height - height // 4]) for gray in self.gray8)
+        return left, right
 
     @cached_property
     def first_coarse(self) -> CoarseMatch | None:
@@ -160,7 +157,9 @@ class Sample:
         if self.first_coarse is not None and self.first_coarse.valid_fraction >= TRACKABLE_FRACTION:
             matches, corners = track_corners(*self.gray8, self.first_coarse)
             tracked = FeatureMatches(matches, corners, corners, fit_rows(matches, self.shape))
-            if tracked.agreeing_fraction >= TRUSTED_FRACTION:
+            limit_px = max(0.5, TRUSTED_RESIDUAL * self.shape[1])
+            sure = tracked.fit is not None and tracked.fit.residual_px <= limit_px
+            if sure and tracked.agreeing_fraction >= TRUSTED_FRACTION:
                 return tracked
         matches, (left, right) = match_features(*self.gray8)
         return FeatureMatches(matches, left, right, fit_rows(matches, self.shape))
@@ -192,11 +191,8 @@ class Sample:
         colours = None
         if self.channels == 3:
             size = (match.left.shape[1], match.left.shape[0])
-            left, right = (
-                cv2.resize(to_8_bit(image), size, interpolation=cv2.INTER_AREA)
-                for image in (self.views.left, self.aligned_right)
-            )
-            colours = (left, right)
+            left, right = (to_8_bit(image) for image in (self.views.left, self.aligned_right))
+            colours = (shrink(left, *size), shrink(right, *size))
         return corresponding_blocks(match, colours)
 
     @cached_property
@@ -223,11 +219,6 @@ def _without_padding(views: Views) -> tuple[tuple[int, int], Views]:
     return (part[0].start, part[1].start), Views(left, right, masks[0][part], masks[1][part])
 
 
-def _eight(plane: Any) -> Gray:
-    return to_8_bit(plane)
-
-
-def _shrink(image: Gray, factor: int) -> Gray:
+def _halved(image: Gray) -> Gray:
     height, width = image.shape
-    size = (max(1, width // factor), max(1, height // factor))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    return shrink(image, max(1, width // 2), max(1, height // 2))

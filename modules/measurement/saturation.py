@@ -32,7 +32,7 @@ class Saturation(FactModel):
 
 
 def measure_saturation(sample: Sample) -> list[Saturation]:
-    """Return the one `saturation` fact of the pair, from every second row and column.
+    """Return the one `saturation` fact of the pair, from every few rows.
 
     Scenes can be clipped in both images alike; only the difference tells that the images disagree.
     """

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
-from modules.primitives.noise import estimate_noise_dn
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 24
@@ -31,18 +30,17 @@ class Sharpness(FactModel):
     )
 
 
-def _detail(gray: NDArray[np.uint8]) -> float:
+def _detail(gray: NDArray[np.uint8], noise_dn: float) -> float:
     # The middle rows suffice and keep it cheap.
     height = gray.shape[0]
     rows = min(height - 2 * (height // 3), max(2 * BLOCK_PX, ENOUGH_PX // gray.shape[1]))
-    values = gray[(height - rows) // 2 : (height + rows) // 2].astype(np.float32)
+    values = gray[(height - rows) // 2 : (height + rows) // 2]
     if min(values.shape) < 2 * BLOCK_PX:
         return 1.0
-    noise = estimate_noise_dn(gray[height // 4 : height - height // 4]) ** 2
-    box3, box7 = cv2.blur(values, (3, 3)), cv2.blur(values, (7, 7))
-    size = (values.shape[1] // BLOCK_PX, values.shape[0] // BLOCK_PX)
-    fine = cv2.resize((values - box3) ** 2, size, interpolation=cv2.INTER_AREA) - FINE_NOISE * noise
-    coarse = cv2.resize((box3 - box7) ** 2, size, interpolation=cv2.INTER_AREA) - COARSE_NOISE * noise
+    noise = noise_dn**2
+    box3, box7 = (np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side))) for side in (3, 7))
+    fine = _block_squares(np.subtract(values, box3, dtype=np.float32)) - FINE_NOISE * noise
+    coarse = _block_squares(box3 - box7) - COARSE_NOISE * noise
     textured = coarse > max(1.0, float(np.median(coarse)), noise)
     if np.count_nonzero(textured) < 5:
         return 1.0
@@ -50,9 +48,15 @@ def _detail(gray: NDArray[np.uint8]) -> float:
     return float(np.sqrt(max(float(np.median(fine[textured] / coarse[textured])), 1e-4)))
 
 
+def _block_squares(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    size = (values.shape[1] // BLOCK_PX, values.shape[0] // BLOCK_PX)
+    whole = values[: size[1] * BLOCK_PX, : size[0] * BLOCK_PX]
+    return np.asarray(cv2.resize(whole * whole, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
 def measure_sharpness(sample: Sample) -> list[Sharpness]:
     """Return the one `sharpness` fact of the pair."""
-    left, right = (_detail(gray) for gray in sample.gray8)
+    left, right = (_detail(gray, noise_dn) for gray, noise_dn in zip(sample.gray8, sample.middle_noise_dn, strict=True))
     return [Sharpness(ratio=float(np.clip(right / left, 0, 100)))]
 
 

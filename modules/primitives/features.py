@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.primitives.coarse import CoarseMatch
+from modules.primitives.photometry import shrink, standardise_to_bytes
 from modules.types import Correspondences
 
 LOWE_RATIO = 0.8  # D. Lowe, IJCV 2004, section 7.1
 
 CORNERS = 400
 TRACK_WIDTH_PX = 800  # corners of wider images are tracked at this width
+DETECT_WIDTH_PX = 640  # corners of wider planes are detected at half of their size
 NORMALISE_PX = 15  # window of the local normalisation, which makes tracking immune to light
 DAMPING_DN = 4.0  # added to the local deviation
 PATCH_PX = 15  # window that is tracked
@@ -55,9 +57,8 @@ def track_corners(
     Lucas-Kanade feature tracker, Intel 2000.
     """
     scale = min(1.0, TRACK_WIDTH_PX / left.shape[1])
-    planes = [_normalised(image, scale) for image in (left, right)]
-    found: Any = cv2.goodFeaturesToTrack(planes[0], CORNERS, 0.02, max(3.0, planes[0].shape[1] / 110))
-    corners = np.zeros((0, 2), np.float32) if found is None else np.asarray(found, np.float32).reshape(-1, 2)
+    planes = [_prepared(image, scale) for image in (left, right)]
+    corners = _corners(planes[0])
     shift = coarse.disparity_at(corners / np.float32(scale)) * np.float32(scale)
     here, shift = corners[np.isfinite(shift)], shift[np.isfinite(shift)]
     if not len(here):
@@ -71,15 +72,22 @@ def track_corners(
     return Correspondences(*full), len(corners)
 
 
-def _normalised(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+def _corners(plane: NDArray[np.uint8]) -> NDArray[np.float32]:
+    height, width = plane.shape
+    factor = 2 if width >= DETECT_WIDTH_PX else 1
+    small = shrink(plane, width // factor, height // factor)
+    found: Any = cv2.goodFeaturesToTrack(small, CORNERS, 0.02, max(3.0, small.shape[1] / 110))
+    if found is None:
+        return np.zeros((0, 2), np.float32)
+    centres = np.asarray(found, np.float32).reshape(-1, 2) + np.float32(0.5)
+    return np.asarray(centres * np.float32(factor) - np.float32(0.5))
+
+
+def _prepared(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
     if scale < 1:
-        image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-    window = (NORMALISE_PX, NORMALISE_PX)
-    values = cv2.GaussianBlur(image, (3, 3), 0).astype(np.float32)
-    mean = cv2.blur(values, window)
-    spread = cv2.sqrt(np.maximum(cv2.blur(values * values, window) - mean * mean, 0))
-    normal = 128 + 40 * (values - mean) / (spread + np.float32(DAMPING_DN))
-    return np.clip(normal, 0, 255).astype(np.uint8)
+        image = shrink(image, round(scale * image.shape[1]), round(scale * image.shape[0]))
+    smooth = np.asarray(cv2.GaussianBlur(image, (3, 3), 0), np.uint8)
+    return standardise_to_bytes(smooth, NORMALISE_PX, DAMPING_DN)
 
 
 def _track(

@@ -27,6 +27,26 @@ def to_8_bit(image: Image) -> NDArray[np.uint8]:
     return np.asarray(cv2.convertScaleAbs(image, alpha=1 / 257.0)).reshape(image.shape).astype(np.uint8, copy=False)
 
 
+def shrink(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Reduce an image to a size by averaging areas; by exact halves as far as they go.
+
+    Exact halves take a tenth of the time of other factors. A last odd row or column is cut off before halving.
+
+    Parameters
+    ----------
+    image : uint8 (H, W) or (H, W, 3)
+    width, height : int
+        Size wanted, px, no larger than the image.
+    """
+    while image.shape[1] >= 2 * width and image.shape[0] >= 2 * height:
+        size = (image.shape[1] // 2, image.shape[0] // 2)
+        even = image[: 2 * size[1], : 2 * size[0]]
+        image = np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), np.uint8)
+    if image.shape[:2] == (height, width):
+        return image
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
 def apply_table(image: Image, table: NDArray[np.float64]) -> Image:
     """Map every level of an image through a table over all levels of its dtype, rounded to nearest."""
     levels = np.clip(np.rint(table), 0, len(table) - 1)
@@ -72,20 +92,16 @@ def dominant_shift_px(left: NDArray[np.uint8], right: NDArray[np.uint8], width: 
     height = max(8, round(left.shape[0] * width / left.shape[1]))
     if left.shape[1] < 2 * 8 or left.shape[0] < 8:
         return 0
-    a, b = (_normalised(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)) for image in (left, right))
+    thumbnails = [
+        np.asarray(cv2.resize(x, (width, height), interpolation=cv2.INTER_AREA), np.uint8) for x in (left, right)
+    ]
+    a, b = (standardise(image, window_px=9, damping_dn=2.0) for image in thumbnails)
     limit = int(0.4 * width)
     scores = _correlations(a, b, limit)
     best = int(np.argmax(scores))
     if scores[best] < 0.1:
         return 0
     return round((best - limit) * left.shape[1] / width)
-
-
-def _normalised(image: NDArray[Any]) -> NDArray[np.float32]:
-    values = image.astype(np.float32)
-    mean = cv2.blur(values, (9, 9))
-    spread = np.sqrt(np.maximum(cv2.blur(values * values, (9, 9)) - mean * mean, 0))
-    return np.asarray((values - mean) / (spread + 2.0), dtype=np.float32)
 
 
 def _correlations(left: NDArray[np.float32], right: NDArray[np.float32], limit: int) -> NDArray[np.float64]:
@@ -109,6 +125,37 @@ def common_view(left: NDArray[Any], right: NDArray[Any], shift_px: int) -> tuple
     if shift >= 0:
         return left[:, shift:], right[:, : width - shift]
     return left[:, : width + shift], right[:, -shift:]
+
+
+def standardise(image: NDArray[np.uint8], window_px: int, damping_dn: float) -> NDArray[np.float32]:
+    """Return `(g - mean) / (std + damping)` with square windows, float32 (H, W); immune to smooth changes of light.
+
+    Parameters
+    ----------
+    image : uint8 (H, W)
+    window_px : int
+        Side of the window, odd.
+    damping_dn : float
+        Added to the local standard deviation; keeps noise small where there is no texture.
+    """
+    window = (window_px, window_px)
+    mean = np.asarray(cv2.boxFilter(image, cv2.CV_32F, window), np.float32)
+    spread = np.asarray(cv2.sqrBoxFilter(image, cv2.CV_32F, window), np.float32)
+    spread -= mean * mean
+    np.maximum(spread, 0, out=spread)
+    np.sqrt(spread, out=spread)
+    spread += np.float32(damping_dn)
+    np.subtract(image, mean, out=mean, dtype=np.float32)
+    mean /= spread
+    return mean
+
+
+def standardise_to_bytes(image: NDArray[np.uint8], window_px: int, damping_dn: float) -> NDArray[np.uint8]:
+    """Return `128 + 40 s` of the standardised image, rounded and clipped, uint8 (H, W), for matchers of bytes."""
+    scaled = standardise(image, window_px, damping_dn)
+    scaled *= np.float32(40)
+    scaled += np.float32(128.5)
+    return np.clip(scaled, 0, 255, out=scaled).astype(np.uint8)
 
 
 def normalise_contrast(image: NDArray[Any], sigma_px: float, eps: float) -> NDArray[np.float32]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 
 LEAST_SLOPE = 0.2  # a map is taken to rise by at least this in its middle, levels per level
+CONVERGED = 0.01  # robust standard deviations; a fit whose residuals move by less is done
 MAD_TO_SIGMA = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 
 
@@ -138,7 +139,8 @@ def fit_linear(
     scale_floor : float
         Smallest robust standard deviation assumed of the residuals, in units of `values`.
     iterations : int
-        Number of reweightings; the first uses Huber weights, which need no good start.
+        Most reweightings; the first third uses Huber weights, which need no good start. Ends where no residual moves
+        by more than a hundredth of the robust standard deviation.
 
     Returns
     -------
@@ -153,18 +155,21 @@ def fit_linear(
     """
     weights = np.ones(len(values))
     coefficients: Floats = np.zeros(design.shape[1])
+    before, residual = values, values
     for step in range(iterations):
         weighted = design * weights[:, None]
         coefficients = np.asarray(
             np.linalg.lstsq(weighted.T @ design, weighted.T @ values, rcond=None)[0], dtype=np.float64
         )
-        residual = values - design @ coefficients
+        before, residual = residual, values - design @ coefficients
         scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), scale_floor)
         relative = np.abs(residual) / scale
         if step < iterations // 3:
             weights = np.minimum(1.0, 1.345 / np.maximum(relative, 1e-12))
         else:
             weights = np.clip(1 - (relative / 4.685) ** 2, 0, None) ** 2
+            if float(np.abs(residual - before).max(initial=0.0)) < CONVERGED * scale:
+                break
     residual = values - design @ coefficients
     freedom = max(float(weights.sum()) - design.shape[1], 1.0)
     variance = float((weights * residual**2).sum()) / freedom
