@@ -117,6 +117,11 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
             lambda path, t: write_terrain_picture(path, t.grid, "traversability"),
             layer="traversability",
         ),
+        "coverage.png": Product(
+            "what was measured, filled, hidden or missed",
+            lambda path, t: write_terrain_picture(path, t.grid, "coverage"),
+            layer="sight",
+        ),
         "terrain.html": Product("interactive 3D page", lambda path, t: write_viewer(path, t.grid, t.points, t.name)),
     }
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from expert.decision import Decision
 from expert.products import DEFAULT_PRODUCTS, Terrain, check_products, product_writers
-from expert.report import PICTURES, as_html, as_markdown
+from expert.report import FILES, answer, as_html, as_markdown
 from modules.formats.atomic import whole_folder
 from modules.formats.disparity import (
     write_confidence_png,
@@ -112,18 +112,26 @@ class Result:
                 start = time.perf_counter()
                 write(folder / name)
                 spent[name] = time.perf_counter() - start
-            if html:
-                start = time.perf_counter()
-                images = {name: (folder / name).read_bytes() for name in PICTURES if (folder / name).exists()}
-                (folder / "report.html").write_bytes(as_html(self.decision, images).encode("utf-8"))
-                spent["report.html"] = time.perf_counter() - start
+            spent.update(self._report(folder, html))
+        return spent
+
+    def _report(self, folder: Path, html: bool) -> dict[str, float]:
+        """Write the report beside the files that it shows."""
+        start = time.perf_counter()
+        answers, names = answer(self.decision), {path.name for path in folder.iterdir()}
+        (folder / "report.md").write_text(as_markdown(self.decision, answers, names), encoding="utf-8")
+        spent = {"report.md": time.perf_counter() - start}
+        if html:
+            start = time.perf_counter()
+            files = {name: (folder / name).read_bytes() for name in FILES if name in names}
+            (folder / "report.html").write_bytes(as_html(self.decision, files, answers).encode("utf-8"))
+            spent["report.html"] = time.perf_counter() - start
         return spent
 
     def _writers(self, products: Sequence[str], datum: Datum | None) -> dict[str, Callable[[Path], object]]:
         decision, views, validity = self.decision, self.views, self.validity
         writers: dict[str, Callable[[Path], object]] = {
             "decision.json": lambda path: path.write_text(decision.to_json(), encoding="utf-8"),
-            "report.md": lambda path: path.write_text(as_markdown(decision), encoding="utf-8"),
             "left_corrected.png": lambda path: write_image(path, views.left),
             "right_corrected.png": lambda path: write_image(path, views.right),
             "validity.png": lambda path: write_validity_png(path, validity),

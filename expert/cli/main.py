@@ -47,6 +47,7 @@ def run(
 ) -> None:
     """Reconstruct a stereo pair and write the products and the report."""
     from expert.cli.terrain_options import masked, stated_datum, stated_products, stated_rover
+    from expert.report import as_summary
     from modules.formats.atomic import check_folder
 
     check_folder(out)
@@ -56,8 +57,10 @@ def run(
     with _progress() as progress:
         result = expert.reconstruct(seen, progress=progress)
     result.save(out, products=chosen, datum=place)
-    typer.echo(result.decision.text(), nl=False)
-    typer.echo(f"\nwritten to {out}")
+    typer.echo(as_summary(result.decision), nl=False)
+    typer.echo(
+        f"\nall facts, rules and answers to 'why not?': report.html, or terrex report --text {out}\nwritten to {out}"
+    )
     if not result.reconstructed:
         raise typer.Exit(1)
 

@@ -20,7 +20,7 @@ ProductsOption = Annotated[
         "--products",
         metavar="NAME,...",
         help="Terrain products, or all: points.ply|pcd|las|laz, elevation.tif, mesh.obj|glb, layers.npz, grid_map.npz, "
-        "occupancy.yaml, elevation|height|slope|traversability.png, terrain.html",
+        "occupancy.yaml, elevation|height|slope|traversability|coverage|ortho.png, terrain.html",
     ),
 ]
 RoverOption = Annotated[

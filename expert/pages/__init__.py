@@ -1,26 +1,31 @@
-"""Self-contained pages with sortable tables: what those of a batch and of an evaluation share."""
+"""Self-contained pages with sortable tables: what those of a run, a batch and an evaluation share."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 
-def render(package: str, template: str, **values: object) -> str:
-    """Render a page that needs no other file and no network, and allows no script but its own.
+@dataclass(frozen=True)
+class _Page:
+    """A compiled template with its style, its script and the hash of that."""
 
-    Parameters
-    ----------
-    package : str
-        Where the template lies, e.g. `expert.batch`; `<stem>.css` and `<stem>.js`, where there are any, lie beside it
-        and follow the shared style and script.
-    template : str
-        `<stem>.html.j2`; it gets `style`, `script` and `script_hash` beside `values`. Values appear as text, never as
-        markup.
-    """
+    template: Template
+    style: str
+    script: str
+    script_hash: str
+
+
+@cache
+def _page(package: str, template: str) -> _Page:
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, TemplateNotFound
-    from markupsafe import Markup
 
     shared, own = PackageLoader("expert.pages", ""), PackageLoader(package, "")
     environment = Environment(
@@ -40,6 +45,24 @@ def render(package: str, template: str, **values: object) -> str:
 
     script = text("js")
     digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
-    return environment.get_template(template).render(
-        style=Markup(text("css")), script=Markup(script), script_hash=f"sha256-{digest}", **values
+    return _Page(environment.get_template(template), text("css"), script, f"sha256-{digest}")
+
+
+def render(package: str, template: str, **values: object) -> str:
+    """Render a page that needs no other file and no network, and allows no script but its own.
+
+    Parameters
+    ----------
+    package : str
+        Where the template lies, e.g. `expert.batch`; `<stem>.css` and `<stem>.js`, where there are any, lie beside it
+        and follow the shared style and script.
+    template : str
+        `<stem>.html.j2`; it gets `style`, `script` and `script_hash` beside `values`. Values appear as text, never as
+        markup.
+    """
+    from markupsafe import Markup
+
+    page = _page(package, template)
+    return page.template.render(
+        style=Markup(page.style), script=Markup(page.script), script_hash=page.script_hash, **values
     )

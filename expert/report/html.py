@@ -2,61 +2,23 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING
 
-from expert import explain
-from expert.decision import Decision, FactRecord
-from expert.facts import FieldInfo, Vocabulary, vocabulary
-from expert.plan import Step
-from expert.report.pictures import PLOT_HEIGHT, PLOT_WIDTH, gallery
-from expert.report.text import fact_text, number_text, parameter_text, settings, verdict, why
-from modules.catalog import operators, probes
+from markupsafe import Markup
 
-if TYPE_CHECKING:
-    from jinja2 import Template
-
-
-@dataclass(frozen=True)
-class FactRow:
-    """One field of a fact; facts of one template are told apart by their keys, as in `histogram[left, red].mean_dn`."""
-
-    name: str
-    value: str
-    unit: str
-    limits: str
-    meaning: str
-    probe: str
-    nearest: str  # the limit of a rule that the value is nearest to
-    mattered: bool
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One slot of the plan: what fills it, why, and what lost."""
-
-    slot: str
-    operator: str
-    summary: str
-    parameters: str
-    why: str
-    settings: tuple[str, ...]
-    losers: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class RuleFired:
-    """One rule that fired in one stage, and on which facts."""
-
-    rule: str
-    name: str
-    stage: str
-    because: str
-    bindings: tuple[tuple[tuple[str, str], ...], ...]
+from expert.decision import Decision, TrialRecord
+from expert.pages import render
+from expert.report.answers import Answers, answer
+from expert.report.graph import DecisionGraph, Drawing, Key, decision_graph, draw
+from expert.report.pictures import PLOT_HEIGHT, PLOT_WIDTH, pair_pictures
+from expert.report.rows import Choice, FactRow, RuleFired, choices, fact_rows, rules_fired
+from expert.report.terrain import terrain
+from expert.report.validity import disparity_pictures
+from expert.report.verdict import verdict
+from expert.report.words import fact_text, number_text
+from modules.formats.viewer import viewer_script_hash
 
 
 @dataclass(frozen=True)
@@ -68,126 +30,23 @@ class Bar:
     percent: float
 
 
-def _limits(info: FieldInfo | None) -> str:
-    if info is None:
-        return ""
-    if info.choices:
-        return " | ".join(info.choices)
-    low, high = (None if bound is None else f"{bound:g}" for bound in (info.ge, info.le))
-    if low is not None and high is not None:
-        return f"{low} to {high}"
-    if low is not None:
-        return f"from {low}"
-    return "" if high is None else f"to {high}"
+@dataclass(frozen=True)
+class TrialRow:
+    """One trial with its score as a share of the best one."""
 
-
-def _fact_rows(decision: Decision, words: Vocabulary, nearest: Mapping[str, str]) -> Iterator[FactRow]:
-    bound = [record for firing in decision.firings for record in firing.bindings.values()]
-    for record in decision.facts:
-        template = words.get(record.template)
-        fields = template.fields if template else {}
-        keys = template.keys if template else ()
-        which = ", ".join(str(record.fields[key]) for key in keys if key in record.fields)
-        title = f"{record.template}[{which}]" if which else record.template
-        matters = _is_bound(record, bound)
-        for name, value in record.fields.items():
-            if name in keys:
-                continue
-            info = fields.get(name)
-            unit = info.unit if info and info.unit != "1" else ""
-            yield FactRow(
-                f"{title}.{name}",
-                number_text(value),
-                unit,
-                _limits(info),
-                info.description if info else "",
-                record.probe or "stated",
-                nearest.get(f"{title}.{name}", ""),
-                matters,
-            )
-
-
-def _is_bound(record: FactRecord, bound: list[FactRecord]) -> bool:
-    return any(other.template == record.template and other.fields == record.fields for other in bound)
-
-
-def _losers(step: Step) -> Iterator[str]:
-    for loser in step.losers:
-        yield f"{loser.operator} ({loser.rule or 'default'}): {loser.lost_because}"
-    for setting in step.lost_settings:
-        value = number_text(setting.value)
-        yield f"{setting.parameter}={value} of {setting.operator} ({setting.rule}): {setting.lost_because}"
-
-
-def _choices(decision: Decision) -> dict[str, list[Choice]]:
-    catalog = operators()
-    found: dict[str, list[Choice]] = {}
-    for stage, plan in decision.plans.items():
-        for step in plan.steps:
-            summary = catalog[step.operator].summary if step.operator in catalog else "nothing is done in this slot"
-            choice = Choice(
-                step.slot,
-                step.operator,
-                summary,
-                parameter_text(step).strip(" ()"),
-                why(decision, step),
-                tuple(settings(decision, step)),
-                tuple(_losers(step)),
-            )
-            found.setdefault(stage, []).append(choice)
-    return found
-
-
-def _rules(decision: Decision) -> list[RuleFired]:
-    found: dict[tuple[str, str], list[tuple[tuple[str, str], ...]]] = {}
-    texts: dict[tuple[str, str], tuple[str, str]] = {}
-    for firing in decision.firings:
-        key = (firing.rule, firing.stage)
-        texts[key] = firing.name, firing.because
-        bound = tuple((alias, fact_text(record)) for alias, record in firing.bindings.items())
-        groups = found.setdefault(key, [])
-        if bound not in groups:
-            groups.append(bound)
-    return [
-        RuleFired(rule, texts[rule, stage][0], stage, texts[rule, stage][1], tuple(bindings))
-        for (rule, stage), bindings in sorted(found.items())
-    ]
+    trial: TrialRecord
+    percent: float
+    plan: str
+    facts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Answers:
-    """What the rules that a record carries explain about it.
+class PlanRow:
+    """One slot of the plan that ran, with all parameters."""
 
-    Attributes
-    ----------
-    not_chosen : dict
-        By operator not chosen: the answer to "why not?", and its lines on rules.
-    nearest : dict
-        By fact and field: the limit of a rule that the value is nearest to.
-    unanswered : str
-        Why there are no answers; empty where there are.
-    """
-
-    not_chosen: dict[str, tuple[str, tuple[str, ...]]]
-    nearest: dict[str, str]
-    unanswered: str = ""
-
-
-def _answers(decision: Decision) -> Answers:
-    """Ask the rules of the record; without them the page says why it cannot answer."""
-    not_chosen = {}
-    try:
-        rules = explain.rules_of(decision)
-        for name in sorted(operators()):
-            answer = explain.why_not(decision, rules, name)
-            if answer.outcome != "chosen":
-                _, *lines = answer.text().splitlines()
-                not_chosen[name] = answer.sentence, tuple(line.strip() for line in lines)
-        fields = explain.margins(decision, rules).fields
-    except explain.ExplainError as error:
-        return Answers({}, {}, str(error))
-    nearest = {f"{item.fact}.{item.field}": item.rules[0].text() for item in fields if item.rules}
-    return Answers(not_chosen, nearest)
+    slot: str
+    operator: str
+    parameters: str
 
 
 def _timings(decision: Decision) -> list[Bar]:
@@ -196,27 +55,74 @@ def _timings(decision: Decision) -> list[Bar]:
     return [Bar(name, seconds, 100.0 * seconds / longest) for name, seconds in spent]
 
 
-@cache
-def _template() -> tuple[Template, str, str]:
-    """Return the page's template, its style and its script."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("expert.report", "")
-    environment = Environment(
-        loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-    )
-    environment.filters["number"] = number_text
-    environment.filters["fact"] = fact_text
-    style, script = (loader.get_source(environment, name)[0] for name in ("report.css", "report.js"))
-    return environment.get_template("report.html.j2"), style, script
+def _trials(decision: Decision) -> list[TrialRow]:
+    best = max((trial.score or 0.0 for trial in decision.trials), default=0.0) or 1.0
+    return [
+        TrialRow(
+            trial,
+            100.0 * (trial.score or 0.0) / best,
+            ", ".join(step.operator.partition(".")[2] for step in trial.plan.steps if step.operator != "none"),
+            tuple(fact_text(fact) for fact in trial.product_facts),
+        )
+        for trial in decision.trials
+    ]
 
 
-def _hash(text: str) -> str:
-    digest = hashlib.sha256(text.encode("utf-8")).digest()
-    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
+def _plan(decision: Decision) -> list[PlanRow]:
+    return [
+        PlanRow(
+            f"{stage}.{step.slot}",
+            step.operator,
+            ", ".join(f"{name}={number_text(value)}" for name, value in sorted(step.parameters.items())),
+        )
+        for stage, plan in decision.plans.items()
+        for step in plan.steps
+        if step.operator != "none"
+    ]
 
 
-def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
+def _about(
+    graph: DecisionGraph,
+    decision: Decision,
+    facts: list[FactRow],
+    rules: list[RuleFired],
+    slots: list[Choice],
+    answers: Answers,
+) -> dict[Key, str]:
+    """Return for every node which elements of the page tell more: those whose `data-id` this is."""
+    found: dict[Key, str] = {}
+    for row, number in zip(facts, _fact_numbers(facts), strict=True):
+        found["fact", row.fact] = f"fact-{number}"
+    for number, rule in enumerate(rules):
+        found["rule", f"{rule.stage} {rule.rule}"] = f"rule-{number}"
+    for number, finding in enumerate(decision.findings):
+        found["finding", finding.name] = f"finding-{number}"
+    places = {f"{slot.stage}.{slot.slot}": f"choice-{number}" for number, slot in enumerate(slots)}
+    not_chosen = {item.operator: f"why-not-{number}" for number, item in enumerate(answers.not_chosen)}
+    for node in graph.nodes:
+        kind, name = node.key
+        slot, _, operator = name.partition(" ")
+        if kind == "choice":
+            found[node.key] = places.get(slot, "")
+        elif kind == "lost":
+            found[node.key] = not_chosen.get(operator, places.get(slot, ""))
+    return found
+
+
+def _fact_numbers(facts: list[FactRow]) -> list[int]:
+    """Return for each row the number of its fact."""
+    numbers: dict[str, int] = {}
+    return [numbers.setdefault(row.fact, len(numbers)) for row in facts]
+
+
+def _drawn(
+    decision: Decision, facts: list[FactRow], rules: list[RuleFired], slots: list[Choice], answers: Answers
+) -> Drawing:
+    graph = decision_graph(decision, answers.known)
+    return draw(graph, _about(graph, decision, facts, rules, slots, answers))
+
+
+def as_html(decision: Decision, files: Mapping[str, bytes], answers: Answers | None = None) -> str:
     """Return the report as one page that needs no other file and no network.
 
     Texts from files appear as text, never as markup, and the page allows no script but its own.
@@ -224,8 +130,10 @@ def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
     Parameters
     ----------
     decision : Decision
-    images : mapping of str to bytes
-        Files of the run by name, as listed in `PICTURES`; what is missing is left out of the page.
+    files : mapping of str to bytes
+        Files of the run by name, as listed in `FILES`; what is missing is left out of the page.
+    answers : Answers, optional
+        Of `answer(decision)`, where they are known already.
 
     Returns
     -------
@@ -234,26 +142,35 @@ def as_html(decision: Decision, images: Mapping[str, bytes]) -> str:
     Raises
     ------
     ValueError
-        A file is not an image.
+        A file is damaged.
     """
-    from markupsafe import Markup
-
-    template, style, script = _template()
-    words = vocabulary(probes().values())
-    answers = _answers(decision)
-    return template.render(
+    answers = answers or answer(decision)
+    facts, rules, slots = fact_rows(decision, answers), rules_fired(decision, answers), choices(decision)
+    ground = terrain(files, decision.pair)
+    return render(
+        "expert.report",
+        "report.html.j2",
         decision=decision,
         verdict=verdict(decision),
-        pictures=gallery(images),
+        pair=pair_pictures(files),
+        disparity=disparity_pictures(files),
+        terrain=ground,
+        page_3d="" if ground is None else _quoted(ground.page),
+        viewer_hash=viewer_script_hash(),
+        linked_3d="terrain.html" in files,
         plot=(PLOT_WIDTH, PLOT_HEIGHT),
-        facts=sorted(_fact_rows(decision, words, answers.nearest), key=lambda row: row.name),
-        choices=_choices(decision),
-        rules=_rules(decision),
-        not_chosen=answers.not_chosen,
-        unanswered=answers.unanswered,
+        facts=list(zip(facts, _fact_numbers(facts), strict=True)),
+        choices=list(enumerate(slots)),
+        rules=list(enumerate(rules)),
+        graph=_drawn(decision, facts, rules, slots, answers),
+        answers=answers,
+        trials=_trials(decision),
         timings=_timings(decision),
+        plan=_plan(decision),
         record=decision.to_json(),
-        style=Markup(style),
-        script=Markup(script),
-        script_hash=_hash(script),
     )
+
+
+def _quoted(page: str) -> Markup:
+    """Return a page as JSON text that may stand inside a script element, where nothing but `<` ends it."""
+    return Markup(json.dumps(page).replace("<", "\\u003c"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
@@ -11,40 +12,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.types import Image, Invalid, full_scale
+from modules.types import Image, full_scale
 
-PICTURES = (
+FILES = (
     "left_original.png",
     "right_original.png",
     "left_corrected.png",
     "right_corrected.png",
     "validity.png",
     "disparity_view.png",
-    "elevation.png",
+    "confidence.png",
+    "ortho.png",
+    "layers.npz",
+    "terrain.html",
 )
-"""Files of a run that the report shows; the originals are there only where the correction changed them."""
+"""Files of a run that the report shows or links; the originals are there only where the correction changed them."""
 
 MAX_SIDE_PX = 1000
-MAX_PNG_BYTES = 1_000_000  # above this a picture goes in as JPEG, which keeps the whole report below 8 MB
-JPEG_QUALITY = 85
+MAX_BYTES = 450_000  # of one picture, so that the whole report stays below 8 MB
+JPEG_QUALITIES = (85, 60)
+PNG_SIGNATURE, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 BINS = 64
 PLOT_WIDTH, PLOT_HEIGHT = 256, 100
-
-REASONS = {
-    Invalid.NO_MATCH: "the matcher gave no disparity",
-    Invalid.MASKED: "excluded by a mask of the pair",
-    Invalid.OUTSIDE: "its match would lie outside the right image",
-    Invalid.RANGE_BORDER: "best disparity at an end of the searched range",
-    Invalid.LEFT_RIGHT: "the match of the match is another pixel",
-    Invalid.NOT_UNIQUE: "a second disparity is nearly as good",
-    Invalid.FLAT_MINIMUM: "the cost hardly depends on the disparity",
-    Invalid.SPECKLE: "part of a small island",
-    Invalid.SATURATED: "clipped in either image",
-    Invalid.TEXTURELESS: "too little texture to decide",
-    Invalid.LOW_CONFIDENCE: "below the confidence limit",
-    Invalid.SKY: "sky, no terrain",
-    Invalid.FILLED: "interpolated",
-}
 
 
 @dataclass(frozen=True)
@@ -65,16 +54,6 @@ class Curve:
     right: str
     left_mean_dn: float
     right_mean_dn: float
-
-
-@dataclass(frozen=True)
-class Share:
-    """How many pixels have a flag."""
-
-    flag: str
-    meaning: str
-    count: int
-    percent: float
 
 
 def decode(name: str, content: bytes) -> Image:
@@ -104,27 +83,53 @@ def _packed(kind: str, content: bytes, shape: tuple[int, ...]) -> Picture:
 
 
 def picture(image: Image, *, photo: bool) -> Picture:
-    """Scale an image down to `MAX_SIDE_PX` and pack it as JPEG (photographs) or PNG (drawings)."""
+    """Pack an image as JPEG (photographs) or PNG (drawings), smaller than `MAX_SIDE_PX` and `MAX_BYTES`.
+
+    A drawing that is too large goes in as JPEG. What is still too large is shown at half its size.
+    """
     small = _eight_bit(image)
     height, width = small.shape[:2]
     scale = MAX_SIDE_PX / max(height, width)
     if scale < 1:
-        size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        small = cast("NDArray[np.uint8]", cv2.resize(small, size, interpolation=cv2.INTER_AREA))
+        small = _resized(small, scale)
+        photo = True
     stored = small[:, :, ::-1] if small.ndim == 3 else small
     if not photo:
         content = cv2.imencode(".png", stored)[1].tobytes()
-        if len(content) <= MAX_PNG_BYTES:
+        if len(content) <= MAX_BYTES:
             return _packed("png", content, small.shape)
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    return _packed("jpeg", cv2.imencode(".jpg", stored, quality)[1].tobytes(), small.shape)
+    for quality in JPEG_QUALITIES:
+        content = cv2.imencode(".jpg", stored, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        if len(content) <= MAX_BYTES:
+            return _packed("jpeg", content, small.shape)
+    return picture(_resized(small, 0.5), photo=True)
 
 
-def drawing(content: bytes, image: Image) -> Picture:
-    """Pack a PNG as it is where it is small enough, otherwise like `picture`."""
-    if max(image.shape[:2]) <= MAX_SIDE_PX and len(content) <= MAX_PNG_BYTES:
-        return _packed("png", content, image.shape)
-    return picture(image, photo=False)
+def _resized(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    return cast("NDArray[np.uint8]", cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def drawing(name: str, content: bytes) -> Picture:
+    """Pack a PNG as it is where it is small enough, otherwise like `picture`.
+
+    Raises
+    ------
+    ValueError
+        It is no image.
+    """
+    width, height = _png_size(content)
+    if 0 < max(width, height) <= MAX_SIDE_PX and len(content) <= MAX_BYTES:
+        return _packed("png", content, (height, width))
+    return picture(decode(name, content), photo=False)
+
+
+def _png_size(content: bytes) -> tuple[int, int]:
+    """Return width and height of a whole PNG; 0 of anything else."""
+    if not content.startswith(PNG_SIGNATURE) or not content.endswith(PNG_END):
+        return 0, 0
+    width, height = struct.unpack(">II", content[16:24])
+    return width, height
 
 
 def _channels(image: Image) -> dict[str, Image]:
@@ -159,21 +164,6 @@ def histograms(left: Image, right: Image) -> list[Curve]:
     return curves
 
 
-def validity_shares(validity: Image) -> tuple[Share, list[Share]]:
-    """Return the share of valid pixels, and of every flag that occurs, most frequent first.
-
-    A pixel may have several flags.
-    """
-    total = validity.size
-    valid = int((validity == 0).sum())
-    shares = [
-        Share(flag.name or "", REASONS[flag], count, 100.0 * count / total)
-        for flag in Invalid
-        if (count := int(((validity & int(flag)) != 0).sum()))
-    ]
-    return Share("VALID", "has a disparity", valid, 100.0 * valid / total), sorted(shares, key=lambda item: -item.count)
-
-
 @dataclass(frozen=True)
 class Wipe:
     """One image of the pair before and after the correction; `before` is None where nothing was changed."""
@@ -184,44 +174,36 @@ class Wipe:
 
 
 @dataclass(frozen=True)
-class Gallery:
-    """All pictures of a report; what the run did not make is None or empty."""
+class PairPictures:
+    """The pair before and after correction, and the histograms of both images."""
 
-    wipes: tuple[Wipe, ...]
-    before: tuple[Curve, ...]
-    after: tuple[Curve, ...]
-    valid: Share | None
-    reasons: tuple[Share, ...]
-    disparity: Picture | None
-    elevation: Picture | None
+    wipes: tuple[Wipe, ...] = ()
+    before: tuple[Curve, ...] = ()
+    after: tuple[Curve, ...] = ()
 
 
-def gallery(images: Mapping[str, bytes]) -> Gallery:
-    """Make everything a report shows from the files of a run.
+def pair_pictures(files: Mapping[str, bytes]) -> PairPictures:
+    """Make the pictures and histograms of the pair; what the run did not write is left out.
 
     Raises
     ------
     ValueError
         A file is damaged.
     """
-    decoded = {name: decode(name, images[name]) for name in PICTURES if name in images}
     before: dict[str, Image] = {}
+    after: dict[str, Image] = {}
     wipes = []
     for side in ("left", "right"):
-        after = decoded.get(f"{side}_corrected.png")
-        if after is None:
+        if f"{side}_corrected.png" not in files:
             continue
-        original = decoded.get(f"{side}_original.png")
-        before[side] = after if original is None else original
-        shown = None if original is None else picture(original, photo=True)
-        wipes.append(Wipe(side, shown, picture(after, photo=True)))
-    curves: tuple[list[Curve], list[Curve]] = ([], [])
-    if len(wipes) == 2:
-        corrected = decoded["left_corrected.png"], decoded["right_corrected.png"]
-        curves = histograms(before["left"], before["right"]), histograms(*corrected)
-    valid, reasons = validity_shares(decoded["validity.png"]) if "validity.png" in decoded else (None, [])
-    drawings = [
-        drawing(images[name], decoded[name]) if name in decoded else None
-        for name in ("disparity_view.png", "elevation.png")
-    ]
-    return Gallery(tuple(wipes), tuple(curves[0]), tuple(curves[1]), valid, tuple(reasons), *drawings)
+        after[side] = decode(f"{side}_corrected.png", files[f"{side}_corrected.png"])
+        name = f"{side}_original.png"
+        before[side] = decode(name, files[name]) if name in files else after[side]
+        shown = picture(before[side], photo=True) if name in files else None
+        wipes.append(Wipe(side, shown, picture(after[side], photo=True)))
+    if len(wipes) < 2:
+        return PairPictures(tuple(wipes))
+    curves = histograms(after["left"], after["right"])
+    changed = any(wipe.before for wipe in wipes)
+    earlier = histograms(before["left"], before["right"]) if changed else curves
+    return PairPictures(tuple(wipes), tuple(earlier), tuple(curves))

@@ -7,27 +7,38 @@ import tempfile
 from pathlib import Path
 
 from expert.decision import Decision
+from expert.report.answers import answer
 from expert.report.html import as_html
 from expert.report.markdown import as_markdown
-from expert.report.pictures import PICTURES
+from expert.report.pictures import FILES
 from modules.formats.errors import FormatError
 
 
 def read_run(folder: Path) -> tuple[Decision, dict[str, bytes]]:
-    """Read the record and the pictures of a run.
+    """Read the record and the files of a run that the report shows.
 
     Raises
     ------
     FormatError
         The folder holds no run, a file cannot be read, or a file is a link that leads out of the folder.
     """
+    return read_decision(folder), {name: _content(folder, name) for name in FILES if (folder / name).is_file()}
+
+
+def read_decision(folder: Path) -> Decision:
+    """Read the record of a run.
+
+    Raises
+    ------
+    FormatError
+        As `read_run`.
+    """
     if not (folder / "decision.json").is_file():
         raise FormatError(f"{folder} holds no decision.json; give the folder that `terrex run --out` wrote")
     try:
-        decision = Decision.from_json(_content(folder, "decision.json").decode("utf-8"))
+        return Decision.from_json(_content(folder, "decision.json").decode("utf-8"))
     except ValueError as error:
         raise FormatError(f"{folder / 'decision.json'}: {error}") from error
-    return decision, {name: _content(folder, name) for name in PICTURES if (folder / name).is_file()}
 
 
 def _content(folder: Path, name: str) -> bytes:
@@ -53,15 +64,20 @@ def render_again(folder: Path) -> tuple[Path, Path]:
     FormatError
         As `read_run`, or the folder cannot be written.
     """
-    decision, images = read_run(folder)
+    decision, files = read_run(folder)
+    answers = answer(decision)
     try:
-        page = as_html(decision, images)
+        page = as_html(decision, files, answers)
     except ValueError as error:
         raise FormatError(f"{folder}: {error}") from error
     html, markdown = folder / "report.html", folder / "report.md"
     _replace(html, page)
-    _replace(markdown, as_markdown(decision))
+    _replace(markdown, as_markdown(decision, answers, _names(folder)))
     return html, markdown
+
+
+def _names(folder: Path) -> frozenset[str]:
+    return frozenset(path.name for path in folder.iterdir())
 
 
 def _replace(path: Path, text: str) -> None:

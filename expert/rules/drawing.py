@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
 from expert.facts import Vocabulary
+from expert.rules.boxes import MARGIN, Box, place
 from expert.rules.explain import sentence
 from expert.rules.graph import Edge, Graph, Kind, Node, rule_graph
-from expert.rules.layout import layered
 from expert.rules.model import STAGES, RuleBase
 from modules.operator import Operator
 from modules.probe import Probe
 
-CHARACTER = 6.6  # px, of 12 px sans-serif, on average
-MARGIN, COLUMN_GAP, TITLE = 16.0, 90.0, 34.0
+TITLE = 34.0  # px
 _FILLS: Mapping[Kind, str] = {
     "fact": "#e8eef7", "finding": "#fdf0d5", "rule": "#ffffff", "slot": "#dff0e0", "probe": "#efe6f5",
 }  # fmt: skip
@@ -25,14 +22,6 @@ _LINES = (
     ("derive", "#8a6d1f"), ("assess", "#8a6d1f"), ("measure", "#6a4c8c"),
 )  # fmt: skip
 _STYLE = "g.edge:hover path{stroke-width:3}"
-
-
-@dataclass(frozen=True)
-class _Box:
-    x: float
-    y: float
-    width: float
-    height: float
 
 
 def _lines(node: Node, probes: Mapping[str, Probe]) -> tuple[str, ...]:
@@ -58,59 +47,27 @@ def _said(edge: Edge) -> str:
     return f"{source}: {edge.label or target}"
 
 
-def _curve(points: Sequence[tuple[float, float]]) -> str:
-    """Return a smooth path through points that goes flat through each."""
-    path = f"M{points[0][0]:.0f},{points[0][1]:.1f}"
-    for (x0, y0), (x1, y1) in itertools.pairwise(points):
-        middle = (x0 + x1) / 2
-        path += f"C{middle:.0f},{y0:.1f} {middle:.0f},{y1:.1f} {x1:.0f},{y1:.1f}"
-    return path
-
-
 def _band(
     title: str, graph: Graph, told: Mapping[str, str], probes: Mapping[str, Probe]
 ) -> tuple[list[str], float, float]:
     """Return the drawing of one stage, its width and its height."""
     edges = [edge for edge in graph.edges if edge.source[0] != "probe"]  # the box of a probe says what it gives
     texts = {(node.kind, node.name): _lines(node, probes) for node in graph.nodes}
-    heights = {key: 8.0 + 15.0 * len(text) for key, text in texts.items()}
-    placed = layered(heights, [(edge.source, edge.target) for edge in edges])
-    columns = max(placed.column.values(), default=-1) + 1
-    widths = [
-        max(16 + CHARACTER * max(map(len, texts[key])) for key, where in placed.column.items() if where == column)
-        for column in range(columns)
-    ]
-    lefts = [MARGIN + sum(widths[:column]) + COLUMN_GAP * column for column in range(columns)]
-    boxes = {
-        key: _Box(lefts[column], TITLE + placed.y[key], 16 + CHARACTER * max(map(len, texts[key])), heights[key])
-        for key, column in placed.column.items()
-    }
+    placed = place(texts, [(edge.source, edge.target) for edge in edges], TITLE)
     drawn = [f'<text font-size="16" font-weight="bold" x="{MARGIN:.0f}" y="20">{escape(title)}</text>']
-    for index, edge in enumerate(edges):
-        first, last = placed.column[edge.source], placed.column[edge.target]
-        step = 1 if last >= first else -1
-        one, two = boxes[edge.source], boxes[edge.target]
-        points = [(one.x + (one.width if step > 0 else 0), one.y)]
-        points.append((lefts[first] + (widths[first] if step > 0 else 0), one.y))  # past wider boxes of the column
-        for number, height in enumerate(placed.bends[index], start=1):
-            column = first + step * number
-            ends = (lefts[column], lefts[column] + widths[column])
-            points += [(x, TITLE + height) for x in (ends if step > 0 else ends[::-1])]
-        points.append((two.x - 2 if step > 0 else two.x + two.width + 2, two.y))
+    for edge, path in zip(edges, placed.paths, strict=True):
         absent = ' stroke-dasharray="5 3"' if edge.negated else ""
         drawn.append(
             f'<g class="edge"><title>{escape(_said(edge))}</title>'
             f'<path{absent} fill="none" stroke-width="1.3" stroke="{_colour(edge)}" '
-            f'marker-end="url(#arrow)" d="{_curve(points)}"/></g>'
+            f'marker-end="url(#arrow)" d="{path}"/></g>'
         )
     for node in graph.nodes:
-        drawn.append(_drawn_box(node, boxes[node.kind, node.name], texts[node.kind, node.name], told))
-    width = (lefts[-1] + widths[-1] if columns else 0.0) + MARGIN
-    height = TITLE + max((box.y - TITLE + box.height / 2 for box in boxes.values()), default=0.0) + MARGIN
-    return drawn, width, height
+        drawn.append(_drawn_box(node, placed.boxes[node.kind, node.name], texts[node.kind, node.name], told))
+    return drawn, placed.width, placed.height
 
 
-def _drawn_box(node: Node, box: _Box, texts: Sequence[str], told: Mapping[str, str]) -> str:
+def _drawn_box(node: Node, box: Box, texts: Sequence[str], told: Mapping[str, str]) -> str:
     top = box.y - box.height / 2
     round_ = {"finding": 12, "slot": 12}.get(node.kind, 2)
     hover = told.get(node.name, "") if node.kind == "rule" else f"{node.kind} {node.name}"

@@ -37,7 +37,11 @@ class Layout(Generic[NodeT]):
 
 
 def layered(
-    heights: Mapping[NodeT, float], edges: Sequence[tuple[NodeT, NodeT]], gap: float = 10.0, lane: float = 4.0
+    heights: Mapping[NodeT, float],
+    edges: Sequence[tuple[NodeT, NodeT]],
+    gap: float = 10.0,
+    lane: float = 4.0,
+    late: bool = False,
 ) -> Layout[NodeT]:
     """Lay out a graph from left to right.
 
@@ -49,8 +53,12 @@ def layered(
         Edges that close a circle are drawn, but do not count for the columns.
     gap, lane : float
         Least distance of nodes, and the height that a passing edge takes.
+    late : bool
+        Whether a node that no edge leads to stands just before what it leads to, instead of in the first column.
     """
     column = _columns(list(heights), edges)
+    if late:
+        _delay(column, edges)
     graph = _Proper(column, heights, edges, lane)
     graph.order()
     y = graph.place(gap)
@@ -91,6 +99,16 @@ def _columns(nodes: Sequence[NodeT], edges: Sequence[tuple[NodeT, NodeT]]) -> di
         for target in following_of[node]:
             column[target] = max(column[target], column[node] + 1)
     return column
+
+
+def _delay(column: dict[NodeT, int], edges: Sequence[tuple[NodeT, NodeT]]) -> None:
+    """Move the nodes that no edge leads to next to what they lead to."""
+    reached = {target for _, target in edges}
+    nearest: dict[NodeT, int] = {}
+    for source, target in edges:
+        if source not in reached:
+            nearest[source] = min(nearest.get(source, column[target]), column[target])
+    column.update({node: max(0, first - 1) for node, first in nearest.items()})
 
 
 class _Proper:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 import cv2
 import numpy as np
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from modules.formats.errors import FormatError
 from modules.formats.images import write_image
-from modules.types import ElevationMap, FloatImage, Hazard, Mask
+from modules.types import ElevationMap, FloatImage, Hazard, Mask, Sight
 
-Kind = Literal["relief", "height", "slope", "traversability"]
+Kind = Literal["relief", "height", "slope", "traversability", "coverage"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 Colours = NDArray[np.uint8]
 T = TypeVar("T", bound=np.generic)
 
@@ -34,14 +35,54 @@ HAZARD_COLOURS = {
 }
 
 
+NEEDED = {"slope": "slope_deg", "traversability": "traversability", "coverage": "sight"}
+"""The layers that kinds need beside the elevation."""
+
+HAZARD_WORDS = {Hazard.STEP: "step", Hazard.ROUGHNESS: "roughness", Hazard.SLOPE: "slope"}
+SIGHT_COLOURS = {
+    Sight.MEASURED: (92, 158, 100),
+    Sight.OCCLUDED: (91, 103, 160),
+    Sight.UNMATCHED: (214, 126, 60),
+    Sight.OUT_OF_VIEW: UNKNOWN,
+}
+SIGHT_WORDS = {
+    Sight.MEASURED: "measured",
+    Sight.OCCLUDED: "hidden by nearer terrain",
+    Sight.UNMATCHED: "in view, but not measured",
+    Sight.OUT_OF_VIEW: "out of view",
+}
+FILLED = (240, 214, 120)
+
+
 @dataclass(frozen=True)
-class _Scale:
-    """A colour bar: colours from low to high, and what they mean."""
+class Scale:
+    """A colour bar: colours (256, 3) from low to high, and what they mean."""
 
     colours: Colours
     low: float
     high: float
     unit: str
+
+
+@dataclass(frozen=True)
+class MapDrawing:
+    """A map, one pixel a cell.
+
+    Attributes
+    ----------
+    colours : uint8 (H, W, 3)
+        `upright`; cells that are not known are dark.
+    scale : Scale or None
+        None where the colours stand for kinds of cells.
+    classes : tuple of (colour, meaning)
+        Of the single colours that are not on the scale.
+    words : str
+    """
+
+    colours: Colours
+    scale: Scale | None
+    classes: tuple[tuple[tuple[int, int, int], str], ...] = ()
+    words: str = ""
 
 
 def write_terrain_picture(path: Path | str, grid: ElevationMap, kind: Kind = "relief") -> None:
@@ -52,29 +93,62 @@ def write_terrain_picture(path: Path | str, grid: ElevationMap, kind: Kind = "re
     path : Path or str
         PNG.
     grid : ElevationMap
-    kind : {"relief", "height", "slope", "traversability"}
-        Shaded relief coloured by height with contour lines; plain height; slope; or the goodness under the rover with
-        the hazards of the cells themselves. The last two need the layers of `compute_slope` and
-        `assess_traversability`.
+    kind : {"relief", "height", "slope", "traversability", "coverage"}
+        Shaded relief coloured by height with contour lines; plain height; slope; the goodness under the rover with the
+        hazards of the cells themselves; or why cells are known or not. The last three need the layers of
+        `compute_slope`, `assess_traversability` and `trace_sight`.
 
     Raises
     ------
     FormatError
         When no cell is known, a layer is missing, or the path cannot be written.
     """
+    try:
+        drawing = draw_map(grid, kind)
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from error
+    write_image(path, _framed(_enlarged(drawing.colours), grid, kind, drawing))
+
+
+def draw_map(grid: ElevationMap, kind: Kind) -> MapDrawing:
+    """Colour a map, one pixel a cell.
+
+    Raises
+    ------
+    ValueError
+        When no cell is known, or a layer is missing.
+    """
     elevation = np.asarray(grid.layers["elevation"], np.float32)
     known = np.isfinite(elevation)
     if not known.any():
-        raise FormatError(f"{path}: no cell of the elevation grid is known, so there is nothing to draw")
-    needed = {"slope": "slope_deg", "traversability": "traversability"}.get(kind, "elevation")
+        raise ValueError("no cell of the elevation grid is known, so there is nothing to draw")
+    needed = NEEDED.get(kind, "elevation")
     if needed not in grid.layers:
-        raise FormatError(f"{path}: the map has no layer '{needed}'; run the operator that makes it")
+        raise ValueError(f"the map has no layer '{needed}'; run the operator that makes it")
+    if kind == "coverage":
+        return _coverage(grid, known)
     drawn, scale, words = _DRAWERS[kind](grid, elevation, known)
+    classes = [(UNKNOWN, "unknown")]
     filled = grid.layers.get("filled")
-    if filled is not None and kind != "traversability":
+    if kind == "traversability":
+        classes = [(HAZARD_COLOURS[code], word) for code, word in HAZARD_WORDS.items()] + classes
+    elif filled is not None:
         drawn = np.where(np.asarray(filled, bool)[..., None], drawn * 0.7 + 255 * 0.3, drawn)
     coloured: Colours = np.where(known[..., None], drawn, UNKNOWN).astype(np.uint8)
-    write_image(path, _framed(_enlarged(coloured), grid, kind, scale, words))
+    return MapDrawing(upright(coloured), scale, tuple(classes), words)
+
+
+def _coverage(grid: ElevationMap, known: Mask) -> MapDrawing:
+    sight, filled = np.asarray(grid.layers["sight"]), known & (np.asarray(grid.layers["sight"]) != Sight.MEASURED)
+    drawn = np.full((*known.shape, 3), UNKNOWN, np.uint8)
+    kinds = [(sight == code, colour, SIGHT_WORDS[code]) for code, colour in SIGHT_COLOURS.items()]
+    kinds = [(cells & ~filled, colour, words) for cells, colour, words in kinds]
+    kinds.insert(1, (filled, FILLED, "filled from its neighbours"))
+    for cells, colour, _ in kinds:
+        drawn[cells] = colour
+    shares = [(colour, words, 100.0 * np.count_nonzero(cells) / cells.size) for cells, colour, words in kinds]
+    classes = tuple((colour, f"{words} ({share:.1f} %)") for colour, words, share in shares)
+    return MapDrawing(upright(drawn), None, classes, "green measured, yellow filled, blue hidden, orange not measured")
 
 
 def write_ortho(path: Path | str, grid: ElevationMap, colours: Colours) -> None:
@@ -99,17 +173,17 @@ def _palette(map_id: int) -> Colours:
     return np.asarray(cv2.applyColorMap(ramp, map_id)[:, 0, ::-1], np.uint8)
 
 
-def _coloured(values: FloatImage, scale: _Scale) -> Colours:
+def _coloured(values: FloatImage, scale: Scale) -> Colours:
     tone = np.clip((values - scale.low) / max(scale.high - scale.low, 1e-6), 0.0, 1.0)
     return scale.colours[np.rint(np.nan_to_num(tone) * 255.0).astype(np.uint8)]
 
 
-def _height_scale(elevation: FloatImage, known: Mask) -> _Scale:
+def _height_scale(elevation: FloatImage, known: Mask) -> Scale:
     low, high = (float(value) for value in np.percentile(elevation[known], [2.0, 98.0]))
-    return _Scale(_palette(cv2.COLORMAP_VIRIDIS), low, max(high, low + 0.01), "m")
+    return Scale(_palette(cv2.COLORMAP_VIRIDIS), low, max(high, low + 0.01), "m")
 
 
-def _relief(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+def _relief(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
     scale = _height_scale(elevation, known)
     height = _extended(elevation, known)
     picture = _coloured(height, scale) * (0.3 + 0.75 * _shade(height, grid.cell_m))[..., None]
@@ -118,23 +192,23 @@ def _relief(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[Flo
     return picture.clip(0, 255).astype(np.float32), scale, f"contours every {step:g} m"
 
 
-def _height(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+def _height(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
     scale = _height_scale(elevation, known)
     return _coloured(elevation, scale).astype(np.float32), scale, ""
 
 
-def _slope(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
-    scale = _Scale(_palette(cv2.COLORMAP_INFERNO), 0.0, STEEPEST_DEG, "deg")
+def _slope(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
+    scale = Scale(_palette(cv2.COLORMAP_INFERNO), 0.0, STEEPEST_DEG, "deg")
     slope = np.asarray(grid.layers["slope_deg"], np.float32)
     picture = _coloured(slope, scale).astype(np.float32)
     return np.where(np.isfinite(slope)[..., None], picture, 128.0).astype(np.float32), scale, "grey: patch incomplete"
 
 
-def _traversability(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, _Scale, str]:
+def _traversability(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
     ramp = np.linspace(0.0, 1.0, 256)[:, None]
     low, middle, high = (np.array(c, float) for c in ((216, 116, 96), (246, 226, 158), (92, 158, 100)))
     colours = np.where(ramp < 0.5, low + (middle - low) * 2 * ramp, middle + (high - middle) * (2 * ramp - 1))
-    scale = _Scale(np.rint(colours).astype(np.uint8), 0.0, 1.0, "")
+    scale = Scale(np.rint(colours).astype(np.uint8), 0.0, 1.0, "")
     shade = 0.75 + 0.3 * _shade(_extended(elevation, known), grid.cell_m)[..., None]
     picture = _coloured(np.asarray(grid.layers["traversability"], np.float32), scale) * shade
     hazard = np.asarray(grid.layers["hazard"]) if "hazard" in grid.layers else np.zeros(known.shape, np.uint8)
@@ -144,7 +218,13 @@ def _traversability(grid: ElevationMap, elevation: FloatImage, known: Mask) -> t
 
 
 _DRAWERS = {"relief": _relief, "height": _height, "slope": _slope, "traversability": _traversability}
-_TITLES = {"relief": "Relief", "height": "Height", "slope": "Slope", "traversability": "Traversability"}
+_TITLES = {
+    "relief": "Relief",
+    "height": "Height",
+    "slope": "Slope",
+    "traversability": "Traversability",
+    "coverage": "Coverage",
+}
 
 
 def _extended(elevation: FloatImage, known: Mask) -> FloatImage:
@@ -181,18 +261,17 @@ def round_step(value: float) -> float:
 
 
 def _enlarged(drawn: Colours) -> Colours:
-    """Turn upright, and enlarge by a whole factor."""
-    turned = upright(drawn)
-    side = max(turned.shape[:2])
+    """Enlarge by a whole factor."""
+    side = max(drawn.shape[:2])
     if side > 2 * MAP_SIDE_PX:
         scale = MAP_SIDE_PX / side
-        size = (max(1, round(turned.shape[1] * scale)), max(1, round(turned.shape[0] * scale)))
-        return np.asarray(cv2.resize(turned, size, interpolation=cv2.INTER_AREA), np.uint8)
+        size = (max(1, round(drawn.shape[1] * scale)), max(1, round(drawn.shape[0] * scale)))
+        return np.asarray(cv2.resize(drawn, size, interpolation=cv2.INTER_AREA), np.uint8)
     factor = max(1, MAP_SIDE_PX // side)
-    return np.repeat(np.repeat(turned, factor, axis=0), factor, axis=1)
+    return np.repeat(np.repeat(drawn, factor, axis=0), factor, axis=1)
 
 
-def _framed(drawn: Colours, grid: ElevationMap, kind: Kind, scale: _Scale, words: str) -> Colours:
+def _framed(drawn: Colours, grid: ElevationMap, kind: Kind, drawing: MapDrawing) -> Colours:
     """Put the map on paper with rings about the origin, a title, a scale bar and a colour bar."""
     height, width = drawn.shape[:2]
     px_per_m = width / (grid.shape[0] * grid.cell_m)
@@ -201,15 +280,16 @@ def _framed(drawn: Colours, grid: ElevationMap, kind: Kind, scale: _Scale, words
     canvas = np.full((HEAD_PX + height + FOOT_PX, MARGIN_PX + total + BAR_PX, 3), PAPER, np.uint8)
     left = MARGIN_PX + (total - width) // 2
     canvas[HEAD_PX : HEAD_PX + height, left : left + width] = drawn
-    title = f"{_TITLES[kind]}  {words}" if words else _TITLES[kind]
+    title = f"{_TITLES[kind]}  {drawing.words}".rstrip()
     _text(canvas, title, (MARGIN_PX, 22), 0.5)
     y = HEAD_PX + height + 16
     bar_m = round_step(total / px_per_m / 6.0)
     cv2.rectangle(canvas, (MARGIN_PX, y - 5), (MARGIN_PX + round(bar_m * px_per_m), y), INK, -1)
     _text(canvas, f"{bar_m:g} m", (MARGIN_PX, y + 18), 0.45)
-    unknown = "dark: unknown" + ("" if kind == "traversability" else ", pale: filled")
+    unknown = "dark: unknown" + (", pale: filled" if kind in _DRAWERS and kind != "traversability" else "")
     _text(canvas, f"x ahead is up, y left; rings about the rover; {unknown}", (MARGIN_PX + 90, y + 18), 0.42)
-    _draw_colour_bar(canvas, scale, MARGIN_PX + total + 14, HEAD_PX + 8, min(height - 16, 320))
+    if drawing.scale is not None:
+        _draw_colour_bar(canvas, drawing.scale, MARGIN_PX + total + 14, HEAD_PX + 8, min(height - 16, 320))
     return canvas
 
 
@@ -237,7 +317,7 @@ def _draw_rings(drawn: Colours, grid: ElevationMap, px_per_m: float) -> None:
             cv2.putText(drawn, label, place, FONT, 0.42, RING, 1, cv2.LINE_AA)
 
 
-def _draw_colour_bar(canvas: Colours, scale: _Scale, x: int, y: int, height: int) -> None:
+def _draw_colour_bar(canvas: Colours, scale: Scale, x: int, y: int, height: int) -> None:
     if height < 40:
         return
     ramp = scale.colours[np.linspace(255, 0, height).astype(np.uint8)]

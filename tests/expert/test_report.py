@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
+import json
 import re
 import sys
+import tempfile
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -19,11 +22,15 @@ from expert.decision import Decision, FactRecord, FindingRecord, FiringRecord, T
 from expert.pair import StereoPair
 from expert.plan import Candidate, StagePlan, Step
 from expert.report import as_html, as_markdown, as_text, render_again, verdict
-from expert.report.pictures import MAX_SIDE_PX, decode, gallery, histograms, picture, validity_shares
+from expert.report.pictures import MAX_BYTES, MAX_SIDE_PX, decode, drawing, histograms, pair_pictures, picture
+from expert.report.terrain import terrain
+from expert.report.validity import validity_shares
 from expert.result import Result
 from modules.catalog import operators
 from modules.formats import FormatError
-from modules.types import Disparity, Invalid, Views
+from modules.formats.layers import parse_layers, write_layers
+from modules.formats.viewer import viewer_page
+from modules.types import Disparity, ElevationMap, Hazard, Invalid, Sight, Views
 
 EVIL = "<script>alert('x')</script>\"&'"
 
@@ -78,8 +85,30 @@ def pair_images() -> dict[str, bytes]:
         "right_original.png": png(left // 2),
         "validity.png": png(validity),
         "disparity_view.png": png(left),
-        "elevation.png": png(left),
+        "confidence.png": png(left[..., 0]),
+        "ortho.png": png(np.full((9, 6, 3), 90, np.uint8)),
+        "layers.npz": layers(),
     }
+
+
+def layers(rows: int = 6, columns: int = 9, seed: int = 5) -> bytes:
+    """Return the layers of a small map that has everything that is drawn."""
+    rng = np.random.default_rng(seed)
+    elevation = rng.normal(0.0, 0.1, (rows, columns)).astype(np.float32)
+    elevation[0, 0] = np.nan
+    sight = np.where(np.isfinite(elevation), Sight.MEASURED, Sight.OCCLUDED).astype(np.uint8)
+    parts = {
+        "elevation": elevation,
+        "sigma_m": np.full((rows, columns), 0.01, np.float32),
+        "slope_deg": rng.uniform(0, 40, (rows, columns)).astype(np.float32),
+        "traversability": rng.uniform(0, 1, (rows, columns)).astype(np.float32),
+        "hazard": np.full((rows, columns), Hazard.STEP, np.uint8),
+        "sight": sight,
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "layers.npz"
+        write_layers(path, ElevationMap(1.0, -0.3, 0.1, parts))
+        return path.read_bytes()
 
 
 class Page(HTMLParser):
@@ -96,11 +125,12 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.attributes += [(tag, name, value or "") for name, value in attrs]
-        if tag not in ("meta", "link", "img", "input", "polyline", "br"):
+        if tag not in ("meta", "link", "img", "input", "br"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.handle_starttag(tag, attrs)
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
 
     def handle_endtag(self, tag: str) -> None:
         if not self.open or self.open.pop() != tag:
@@ -139,9 +169,11 @@ def test_the_policy_of_the_page_allows_its_own_script_only() -> None:
 
 def test_pictures_have_texts_controls_have_labels_and_links_have_targets() -> None:
     page = Page(as_html(record(), pair_images()))
-    assert len(page.of("img", "alt")) == page.tags.count("img") == 5
+    assert len(page.of("img", "alt")) == page.tags.count("img") == 3 + 3 + 6
     assert all(page.of("img", "alt"))
-    assert len(page.of("svg", "aria-label")) == page.tags.count("svg") == 6
+    assert len(page.of("svg", "aria-label")) == 6 + 1  # histograms and graph
+    assert len(page.of("svg", "aria-hidden")) == 6  # the rings over the maps say nothing new
+    assert page.tags.count("svg") == 13
     ids = [value for _, name, value in page.attributes if name == "id"]
     assert len(ids) == len(set(ids))
     assert {value[1:] for value in page.of("a", "href")} <= set(ids)
@@ -161,7 +193,7 @@ def test_the_page_says_everything_that_was_decided() -> None:
     text = as_html(record(), pair_images())
     decision = record()
     for expected in (
-        verdict(decision), "brightness.offset_dn", "-13.97 dn", "COR1", "Rather than 1 other",
+        *dataclasses.astuple(verdict(decision)), "brightness.offset_dn", "-13.97 dn", "COR1", "Rather than 1 other",
         "channels=word, range=1, 2", "50.0 %", "0.500", decision.id, "2.000 s", "its match would lie outside",
     ):  # fmt: skip
         assert expected in text, expected
@@ -202,16 +234,54 @@ def test_a_large_picture_is_scaled_down_and_a_drawing_too_large_for_png_becomes_
 
 def test_a_small_drawing_goes_in_as_the_file_it_is() -> None:
     images = pair_images()
-    shown = gallery(images).elevation
-    assert shown is not None
+    shown = drawing("disparity_view.png", images["disparity_view.png"])
     assert (shown.width, shown.height) == (80, 60)
-    assert base64.b64decode(shown.uri.partition(",")[2]) == images["elevation.png"]
+    assert base64.b64decode(shown.uri.partition(",")[2]) == images["disparity_view.png"]
+    with pytest.raises(ValueError, match="x is not an image"):
+        drawing("x", images["disparity_view.png"][:-1][:50])
 
 
 def test_the_worst_pair_stays_below_eight_megabytes() -> None:
     noise = png(np.random.default_rng(2).integers(0, 256, (1000, 1000, 3), np.uint8))
-    names = ("left_original", "right_original", "left_corrected", "right_corrected", "disparity_view", "elevation")
-    assert len(as_html(record(), {f"{name}.png": noise for name in names}).encode()) < 8_000_000
+    names = ("left_original", "right_original", "left_corrected", "right_corrected", "disparity_view", "confidence")
+    files = {f"{name}.png": noise for name in names}
+    files["validity.png"] = png(np.random.default_rng(3).choice([0, 1, 2, 4, 8], (1000, 1000)).astype(np.uint16))
+    files |= {"layers.npz": layers(1000, 1000), "ortho.png": noise}
+    assert len(as_html(record(), files).encode()) < 8_000_000
+
+
+def test_no_picture_is_larger_than_its_share() -> None:
+    noise = np.random.default_rng(2).integers(0, 256, (1000, 1000, 3), np.uint8)
+    assert all(len(picture(noise, photo=photo).uri) < 1.34 * MAX_BYTES + 50 for photo in (True, False))
+
+
+def test_the_view_in_three_dimensions_is_inside_and_its_script_is_allowed() -> None:
+    text = as_html(record(EVIL), pair_images())
+    start = text.index('id="page-3d">') + len('id="page-3d">')
+    page = json.loads(text[start : text.index("</script>", start)])
+    assert page == viewer_page(parse_layers("x", layers()), np.full((6, 9, 3), 90, np.uint8), EVIL, 200_000)
+    script = page[page.rindex("<script>") + 8 : page.rindex("</script>")]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"'sha256-{digest}'" in Page(text).of("meta", "content")[1]
+
+
+def test_maps_have_scales_in_units_and_classes_in_words() -> None:
+    made = terrain(pair_images(), "x")
+    assert made is not None
+    by_title = {item.title: item for item in made.maps}
+    assert list(by_title) == ["Relief", "Height", "Slope", "Traversability", "Coverage", "Seen from above"]
+    assert (by_title["Slope"].low, by_title["Slope"].high) == ("0 deg", "40 deg")
+    assert ("#2c2e34", "unknown") in by_title["Height"].classes
+    assert next(words for _, words in by_title["Coverage"].classes) == "measured (98.1 %)"
+    assert (by_title["Relief"].shown.width, by_title["Relief"].shown.height) == (6, 9)
+    assert made.centre == pytest.approx((-3.0 + 6, 10.0 + 9))  # the rover stands behind the map: below the picture
+
+
+def test_layers_and_a_picture_from_above_of_another_size_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"ortho\.png is"):
+        terrain({**pair_images(), "ortho.png": png(np.zeros((4, 4, 3), np.uint8))}, "x")
+    with pytest.raises(ValueError, match=r"layers\.npz holds no layers"):
+        terrain({"layers.npz": b"no"}, "x")
 
 
 def test_pixels_come_back_as_rgb_and_sixteen_bits_fit_the_histogram() -> None:
@@ -232,7 +302,7 @@ def test_shares_of_validity_count_every_flag_of_a_pixel() -> None:
 
 
 def test_equal_images_have_equal_histograms_on_one_scale() -> None:
-    made = gallery(pair_images())
+    made = pair_pictures(pair_images())
     assert all(curve.left == curve.right for curve in made.after)
     assert all(curve.left != curve.right for curve in made.before)
 

@@ -76,3 +76,10 @@ def test_two_columns_that_need_not_cross_do_not():
     heights = dict.fromkeys(("a", "b", "c", "x", "y", "z"), 20.0)
     placed = layered(heights, [("a", "z"), ("b", "y"), ("c", "x")])
     assert [sorted("abc", key=placed.y.get), sorted("xyz", key=placed.y.get)] == [["a", "b", "c"], ["z", "y", "x"]]
+
+
+def test_late_nodes_stand_just_before_what_they_lead_to():
+    edges = [("a", "b"), ("b", "c"), ("late", "c")]
+    heights = dict.fromkeys(["a", "b", "c", "late"], 10.0)
+    assert layered(heights, edges).column["late"] == 0
+    assert layered(heights, edges, late=True).column == {"a": 0, "b": 1, "c": 2, "late": 1}
