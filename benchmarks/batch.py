@@ -31,6 +31,7 @@ from expert.batch import Batch, BatchItem, Outcome, Progress
 SECTIONS = ("throughput", "overhead", "kills", "growth")
 SETTLING = 200  # pairs until caches and pools have their size
 SAMPLES = 50
+SMALL = (160, 120)  # px: what is left behind by a pair does not hang on its size, what it takes does
 REPORTS = 20  # pairs that are saved with a report, too
 
 
@@ -69,7 +70,7 @@ def overhead(items: Sequence[BatchItem], work: Path) -> None:
 
     def loop(html: bool, some: Sequence[BatchItem]) -> None:
         for item in some:
-            pair = StereoPair.load(item.left, item.right, calibration=item.calibration)
+            pair = StereoPair.load(item.left, item.right, calibration=item.stated.calibration)
             system.reconstruct(pair).save(work / "out" / item.name, html=html)
 
     loop(True, items[:1])
@@ -114,7 +115,7 @@ def growth(count: int) -> None:
     every = max((count - SETTLING) // SAMPLES, 1)
     at: list[int] = []
     held: list[float] = []
-    for number, (made, views) in enumerate(pairs(count)):
+    for number, (made, views) in enumerate(pairs(count, SMALL)):
         system.reconstruct(StereoPair(views.left, views.right, calibration=made.calibration, mount=made.mount))
         if number >= SETTLING and (number - SETTLING) % every == 0:
             gc.collect()

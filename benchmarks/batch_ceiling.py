@@ -56,7 +56,7 @@ def _bare(items: Sequence[BatchItem]) -> Callable[[], None]:
     """Return what reconstructs pairs and keeps nothing; everything is loaded and warm."""
     cv2.setNumThreads(1)
     system = QUIET.system()
-    loaded = [StereoPair.load(item.left, item.right, calibration=item.calibration) for item in items]
+    loaded = [StereoPair.load(item.left, item.right, calibration=item.stated.calibration) for item in items]
     system.reconstruct(loaded[0])
 
     def act() -> None:

@@ -23,7 +23,7 @@ POLL_S = 0.01
 
 def kills(work: Path, count: int, wanted: int, seed: int) -> None:
     """Print how a run of `count` pairs came through `wanted` kills, and what is wrong with it."""
-    source, out, calm = work / "kill pairs", work / "killed", work / "undisturbed"
+    source, out, calm = work / f"{count} pairs to kill", work / "killed", work / "undisturbed"
     write_pairs(source, count)
     for folder in (out, calm):
         shutil.rmtree(folder, ignore_errors=True)
@@ -52,8 +52,8 @@ def kills(work: Path, count: int, wanted: int, seed: int) -> None:
 
 
 def _command(source: Path, out: Path) -> list[str]:
-    terrex = [sys.executable, "-c", "from expert.cli import main; main()"]
-    return [*terrex, "batch", str(source), "--out", str(out), "--jobs", "2", "--profile", "fast", "--no-html"]
+    terrex = [sys.executable, "-c", "from expert.cli import main; main()", "batch", str(source), "--out", str(out)]
+    return [*terrex, "--jobs", "2", "--profile", "fast", "--no-html"]
 
 
 def _finish(source: Path, out: Path) -> None:

@@ -1,4 +1,4 @@
-"""A folder of rendered pairs of 320x240 px, each distorted in its own way, for measurements of long runs."""
+"""Rendered pairs, each distorted in its own way, for measurements of long runs."""
 
 from __future__ import annotations
 
@@ -15,29 +15,26 @@ from modules.simulation.terrain import RenderedPair, TerrainParams, render_terra
 from modules.types import Views
 
 SIZE = (320, 240)
-FOCAL_PX = 250.0
+FIELD = 320 / 250  # image width over focal length
 STRENGTHS = (1.0, 0.5)  # of the reference distortions
 QUIET = Settings(html=False)  # reports off, everything else as shipped
 
 
-def rendered(seed: int) -> RenderedPair:
+def rendered(seed: int, size: tuple[int, int]) -> RenderedPair:
     """Return a rendered terrain, seen from a tilted body."""
-    roll, pitch = np.random.default_rng(seed).uniform(-10.0, 10.0, 2)
-    width, height = SIZE
-    return render_terrain(
-        TerrainParams(
-            seed=seed, width_px=width, height_px=height, focal_px=FOCAL_PX, roll_deg=float(roll), pitch_deg=float(pitch)
-        )
-    )
+    roll, pitch = (float(angle) for angle in np.random.default_rng(seed).uniform(-10.0, 10.0, 2))
+    width, height = size
+    camera = {"width_px": width, "height_px": height, "focal_px": width / FIELD}
+    return render_terrain(TerrainParams(seed=seed, roll_deg=roll, pitch_deg=pitch, **camera))
 
 
-def pairs(count: int) -> Iterator[tuple[RenderedPair, Views]]:
+def pairs(count: int, size: tuple[int, int] = SIZE) -> Iterator[tuple[RenderedPair, Views]]:
     """Yield that many pairs, no two alike: terrains, each under every distortion at two strengths."""
     kinds = [(name, strength) for strength in STRENGTHS for name in REFERENCE_DISTORTIONS]
     for number in range(count):
         which = number % len(kinds)
         if which == 0:
-            made = rendered(number // len(kinds))
+            made = rendered(number // len(kinds), size)
         name, strength = kinds[which]
         yield made, distort_right(Views(made.left, made.right), name, number, strength)
 

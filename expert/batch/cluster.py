@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -107,4 +108,4 @@ def _fetch(future: Future, item: BatchItem, out: Path) -> Outcome:
             unpack(outcome.products, folder)
     except (FormatError, OSError) as error:
         return unprocessed(item, "error", str(error))
-    return Outcome(**{**outcome.__dict__, "products": None, "inputs": inputs_digest(item), "stamp": stamp(item)})
+    return replace(outcome, products=None, inputs=inputs_digest(item), stamp=stamp(item))

@@ -1,36 +1,109 @@
-"""One pair of a batch."""
+"""One pair of a batch: its files, and what is stated about it."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
+
+from modules.primitives.frames import Convention
 
 LONGEST_NAME = 120  # bytes; file systems allow 255, and temporary folders need a few more
 
 
 @dataclass(frozen=True)
+class Stated:
+    """What is stated about one pair, or about all pairs that say nothing else.
+
+    Attributes
+    ----------
+    calibration : tuple of Path
+        One file, or the two of OpenCV or ROS.
+    attitude : Path or None
+    angles_deg : (roll, pitch, yaw) or None
+        Yaw may be None.
+    imu : Path or None
+        Log of the inertial unit, asked for the attitude at `time_s`.
+    time_s : float or None
+        When the pair was taken, on the clock of the log, s.
+    disparity_range_px : (int, int) or None
+    rectified, scale_calibration : bool
+    alpha : float or None
+        How the calibration is used; see `StereoPair.load`.
+    convention : {"rep103", "aerospace"}
+        Of angles and log.
+    """
+
+    calibration: tuple[Path, ...] = ()
+    attitude: Path | None = None
+    angles_deg: tuple[float, float, float | None] | None = None
+    imu: Path | None = None
+    time_s: float | None = None
+    disparity_range_px: tuple[int, int] | None = None
+    rectified: bool = False
+    scale_calibration: bool = False
+    alpha: float | None = None
+    convention: Convention = "rep103"
+
+    def over(self, common: Stated) -> Stated:
+        """Return it with what is common where it says nothing; of the ways to state an attitude it keeps its own."""
+        levelled = self.attitude is not None or self.angles_deg is not None or self.imu is not None
+        return replace(
+            common,
+            calibration=self.calibration or common.calibration,
+            attitude=self.attitude if levelled else common.attitude,
+            angles_deg=self.angles_deg if levelled else common.angles_deg,
+            imu=self.imu if levelled else common.imu,
+            time_s=self.time_s,
+            disparity_range_px=self.disparity_range_px or common.disparity_range_px,
+        )
+
+
+@dataclass(frozen=True)
 class BatchItem:
-    """One pair of a batch: where its files are, and what is stated about it.
+    """One pair of a batch.
 
     Attributes
     ----------
     name : str
         Unique within the batch.
     left, right : Path
-    calibration, attitude : Path or None
-    angles_deg : (roll, pitch, yaw) or None
-    disparity_range_px : (int, int) or None
+    stated : Stated
     """
 
     name: str
     left: Path
     right: Path
-    calibration: Path | None = None
-    attitude: Path | None = None
-    angles_deg: tuple[float, float, float] | None = None
-    disparity_range_px: tuple[int, int] | None = None
+    stated: Stated = Stated()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that the pair is read from."""
+        stated = self.stated
+        return (self.left, self.right, *stated.calibration, *_some(stated.attitude), *_some(stated.imu))
+
+    @property
+    def facts(self) -> tuple[object, ...]:
+        """What is stated beside the files, and which part each file plays."""
+        own = self.stated
+        parts = (len(own.calibration), own.attitude is not None, own.imu is not None)
+        reading = (own.rectified, own.scale_calibration, own.alpha, own.convention)
+        return (own.angles_deg, own.time_s, own.disparity_range_px, *parts, *reading)
+
+    def moved(self, files: Sequence[Path]) -> BatchItem:
+        """Return it with its `files` at other places, given in the same order."""
+        left, right, *rest = files
+        count = len(self.stated.calibration)
+        attitude, imu = self.stated.attitude, self.stated.imu
+        stated = replace(
+            self.stated,
+            calibration=tuple(rest[:count]),
+            attitude=None if attitude is None else rest[count],
+            imu=None if imu is None else rest[-1],
+        )
+        return BatchItem(self.name, left, right, stated)
 
     @property
     def folder(self) -> str:
@@ -42,3 +115,7 @@ class BatchItem:
             digest = hashlib.sha256(self.name.encode("utf-8", "surrogateescape")).hexdigest()[:12]
             text = f"{text[: LONGEST_NAME - 13]}~{digest}"
         return text
+
+
+def _some(path: Path | None) -> tuple[Path, ...]:
+    return () if path is None else (path,)

@@ -71,12 +71,12 @@ def _limit_memory(memory_mb: int) -> None:
 
 def in_worker(item: BatchItem, out: Path, settings: Settings) -> Outcome:
     """Process one pair; runs in a worker."""
-    return process(_system(settings), item, out, settings.html)
+    return process(_system(settings), item, out, settings)
 
 
 def in_worker_packed(packed: Packed, settings: Settings) -> Outcome:
     """Process one pair that came with its files; runs in a worker that does not share a disk."""
-    return process_packed(_system(settings), packed, settings.html)
+    return process_packed(_system(settings), packed, settings)
 
 
 def run_here(

@@ -8,14 +8,14 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from expert.batch.item import BatchItem
+from expert.batch.item import BatchItem, Stated
 from modules.formats.errors import FormatError
 
 REQUIRED = ("left", "right")
 ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 RANGE = ("min_disparity_px", "max_disparity_px")
-COLUMNS = ("name", *REQUIRED, "calibration", "attitude", *ANGLES, *RANGE)
-MOST_PROBLEMS = 100
+FILES = (*REQUIRED, "calibration", "calibration_2", "attitude", "imu")
+COLUMNS = ("name", *FILES, "time_s", *ANGLES, *RANGE)
 Line = tuple[int, Mapping[str, object]]
 
 
@@ -30,8 +30,8 @@ def read_manifest(path: Path) -> list[BatchItem]:
     ----------
     path : Path
         `.csv` with a header, or `.jsonl`. Columns: `left`, `right` (paths, relative to the manifest), and optionally
-        `name`, `calibration`, `attitude` (paths), `roll_deg`, `pitch_deg`, `yaw_deg`, `min_disparity_px`,
-        `max_disparity_px`. Empty values are absent.
+        `name`, `calibration`, `calibration_2` (the other file of two that belong together), `attitude`, `imu` (paths),
+        `time_s`, `roll_deg`, `pitch_deg`, `yaw_deg`, `min_disparity_px`, `max_disparity_px`. Empty values are absent.
 
     Raises
     ------
@@ -58,10 +58,7 @@ def read_manifest(path: Path) -> list[BatchItem]:
     if not items and not problems:
         problems.append("line 1: there is no pair; give a header with left and right, and a line per pair")
     if problems:
-        shown = problems[:MOST_PROBLEMS]
-        if len(problems) > len(shown):
-            shown.append(f"and {len(problems) - len(shown)} more problems")
-        raise ManifestError("\n".join(f"{path}: {problem}" for problem in shown))
+        raise ManifestError("\n".join(f"{path}: {problem}" for problem in problems))
     return items
 
 
@@ -105,39 +102,55 @@ def _json_lines(text: str, problems: list[str]) -> Iterator[Line]:
         unknown = [name for name in values if name not in COLUMNS]
         if unknown:
             problems.append(f"line {number}: {', '.join(map(repr, unknown))} unknown; known: {', '.join(COLUMNS)}")
-        yield number, {name: value for name, value in values.items() if value is not None and name in COLUMNS}
+        yield number, {name: value for name, value in values.items() if value not in (None, "") and name in COLUMNS}
 
 
 def _item(home: Path, values: Mapping[str, object], problems: list[str]) -> BatchItem | None:
+    paths = _paths(home, values, problems)
+    stated = _stated(paths, values, problems)
+    if not all(name in paths for name in REQUIRED):
+        return None
+    name = str(values.get("name", Path(str(values["left"])).with_suffix("")))
+    return BatchItem(name, paths["left"], paths["right"], stated)
+
+
+def _paths(home: Path, values: Mapping[str, object], problems: list[str]) -> dict[str, Path]:
+    """Return the files of a line; those that are not there are problems."""
     paths: dict[str, Path] = {}
-    for name in (*REQUIRED, "calibration", "attitude"):
-        if name not in values:
-            if name in REQUIRED:
-                problems.append(f"{name} is missing; give the path of the {name} image")
-            continue
-        path = home / str(values[name])
-        if not path.is_file():
-            problems.append(f"{name} {str(values[name])!r} is no file; paths are relative to the manifest")
-        paths[name] = path
+    for name in FILES:
+        if name in values:
+            paths[name] = home / str(values[name])
+            if not paths[name].is_file():
+                problems.append(f"{name} {str(values[name])!r} is no file; paths are relative to the manifest")
+        elif name in REQUIRED:
+            problems.append(f"{name} is missing; give the path of the {name} image")
+    if "calibration_2" in paths and "calibration" not in paths:
+        problems.append("calibration_2 is given without calibration; give both, or the one file as calibration")
+    return paths
+
+
+def _stated(paths: Mapping[str, Path], values: Mapping[str, object], problems: list[str]) -> Stated:
+    """Return what a line says of its pair beside the images."""
     angles = [_number(values, name, problems) for name in ANGLES]
+    turned = any(angle is not None for angle in angles)
     ends = [_number(values, name, problems) for name in RANGE]
+    time_s = _number(values, "time_s", problems)
     if (ends[0] is None) != (ends[1] is None):
         problems.append("only one end of the disparity range is given; give min_disparity_px and max_disparity_px")
     known = [int(end) for end in ends if end is not None]
     if len(known) == 2 and known[1] <= known[0]:
         problems.append(f"disparity range {known[0]} {known[1]} is empty; the second number must be larger")
-    if any(angle is not None for angle in angles) and "attitude" in paths:
-        problems.append("an attitude file and angles are given; give one of them")
-    if not all(name in paths for name in REQUIRED):
-        return None
-    turned = any(angle is not None for angle in angles)
-    return BatchItem(
-        str(values.get("name", Path(str(values["left"])).with_suffix(""))),
-        paths["left"],
-        paths["right"],
-        paths.get("calibration"),
+    ways = [name for name in ("attitude", "imu") if name in paths] + ["angles"] * turned
+    if len(ways) > 1:
+        problems.append(f"{' and '.join(ways)} are given; an attitude is stated in one way, leave out the others")
+    if "imu" in paths and "time_s" not in values:
+        problems.append("imu is given without time_s; give the time of the pair on the clock of the log")
+    return Stated(
+        tuple(paths[name] for name in ("calibration", "calibration_2") if name in paths),
         paths.get("attitude"),
-        (angles[0] or 0.0, angles[1] or 0.0, angles[2] or 0.0) if turned else None,
+        (angles[0] or 0.0, angles[1] or 0.0, angles[2]) if turned else None,
+        paths.get("imu"),
+        time_s,
         (known[0], known[1]) if len(known) == 2 else None,
     )
 

@@ -6,23 +6,24 @@ import shutil
 import signal
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from expert.batch.cluster import Transfer, run_on_cluster
 from expert.batch.item import BatchItem
 from expert.batch.local import Limits, run_here
-from expert.batch.runlog import NAME, Latest, RunLog
-from expert.batch.work import PROCESSED, Outcome, Settings, inputs_digest, settings_digest, stamp
+from expert.batch.runlog import NAME, Latest, LogFull, RunLog
+from expert.batch.work import PROCESSED, Outcome, Settings, inputs_digest, settings_digest, stamp, unprocessed
 from expert.versions import versions
 from modules.formats.atomic import MARK
 from modules.formats.errors import FormatError
 
 Resume = Literal["ask", "redo", "keep"]
 PAIRS = "pairs"  # folder of the products
+CHANGED = "processed otherwise"
 LOCK = "lock.sqlite"
 
 
@@ -37,13 +38,17 @@ class Plan:
     Attributes
     ----------
     todo : tuple of (BatchItem, str)
-        Items to process, and why: `new`, `unfinished`, `input changed`, `rules or versions changed`, `failed before`.
+        Items to process, and why: `new`, `unfinished`, `input changed`, `processed otherwise`, `failed before`.
     done : int
         Items that need nothing.
+    changes : tuple of str
+        What is other than it was for the items that were processed with other rules, versions, profile, rover or
+        products.
     """
 
     todo: tuple[tuple[BatchItem, str], ...]
     done: int
+    changes: tuple[str, ...] = ()
 
 
 @dataclass
@@ -79,8 +84,8 @@ class Batch:
         self.out, self.settings, self.source = out, settings, source
         _check_out(out)
         self.versions = versions()
-        self.rules_digest = settings.system().rules_digest
-        self.digest = settings_digest(settings, self.rules_digest, self.versions)
+        self.record = settings.record(settings.system().rules_digest)
+        self.digest = settings_digest(self.record, self.versions)
 
     def folder(self, item: BatchItem) -> Path:
         """Return the folder of an item's products."""
@@ -92,34 +97,46 @@ class Batch:
         Parameters
         ----------
         resume : {"ask", "redo", "keep"}
-            What to do with pairs that were processed with other rules, versions or profile.
+            What to do with pairs that were processed with other rules, versions, profile, rover or products.
         retry : bool
             Whether to try again the pairs that could not be processed.
 
         Raises
         ------
         ChangedSettings
-            There are such pairs and `resume` is "ask"; the message counts them.
+            There are such pairs and `resume` is "ask"; the message counts them and says what is other.
         """
-        known = RunLog(self.out / NAME).latest() if (self.out / NAME).is_file() else {}
+        log = RunLog(self.out / NAME) if (self.out / NAME).is_file() else None
+        known = log.latest() if log is not None else {}
         todo: list[tuple[BatchItem, str]] = []
-        changed = done = 0
+        before: set[int] = set()  # runs of the items that were processed otherwise
+        changed = 0
         for item in self.items:
             latest = known.get(item.name)
             reason = self._reason(item, latest, retry)
-            if reason == "rules or versions changed" and resume == "keep":
-                done += 1
-            elif reason:
-                changed += reason == "rules or versions changed"
+            if reason == CHANGED and latest is not None:
+                changed += 1
+                before.add(latest.run)
+            if reason and not (reason == CHANGED and resume == "keep"):
                 todo.append((item, reason))
-            else:
-                done += 1
+        changes = self._changes(log, before) if log is not None else ()
         if changed and resume == "ask":
             raise ChangedSettings(
-                f"{changed} of {len(self.items)} pairs in {self.out} were processed with other rules, versions or "
-                "another profile; say --resume redo to process them again, or --resume keep to leave them as they are"
+                f"{changed} of {len(self.items)} pairs in {self.out} were processed otherwise ({'; '.join(changes)}); "
+                "say --resume redo to process them again, or --resume keep to leave them as they are"
             )
-        return Plan(tuple(todo), done)
+        return Plan(tuple(todo), len(self.items) - len(todo), changes)
+
+    def _changes(self, log: RunLog, runs: Iterable[int]) -> tuple[str, ...]:
+        """Say in what runs differ from this one."""
+        found: dict[str, None] = {}
+        for run in sorted(runs):
+            settings, used = log.record(run)
+            for name, now in {**self.record, **self.versions}.items():
+                then = {**settings, **used}.get(name)
+                if then != now and name != "python":
+                    found[f"{name} {then}, now {now}"] = None
+        return tuple(found)
 
     def _reason(self, item: BatchItem, latest: Latest | None, retry: bool) -> str:
         """Say why an item has to be processed; empty where it need not be."""
@@ -130,7 +147,7 @@ class Batch:
         if latest.status not in PROCESSED:
             return "failed before" if retry else ""
         if latest.settings_digest != self.digest:
-            return "rules or versions changed"
+            return CHANGED
         return "" if (self.folder(item) / "decision.json").is_file() else "unfinished"
 
     def run(
@@ -176,7 +193,8 @@ class Batch:
         progress: Callable[[Progress, Outcome], None],
     ) -> Progress:
         self._clean()
-        run = log.begin(self.source, asdict(self.settings), self.digest, self.versions)
+        told = {**self.record, "engine": self.settings.engine, "rule files": self.settings.rules}
+        run = log.begin(self.source, told, self.digest, self.versions)
         state = Progress(len(plan.todo))
         items = ((item, self.folder(item)) for item, _ in plan.todo)
         with _interruptible() as stopping:
@@ -185,13 +203,28 @@ class Batch:
             else:
                 results = run_here(items, self.settings, limits, jobs, stopping)
             for item, outcome in results:
-                log.add(run, outcome, item.folder, self.digest)
+                outcome = self._commit(log, run, item, outcome)
                 state.done += 1
                 state.failed += outcome.status == "failed"
                 state.not_processed += outcome.status not in PROCESSED
                 progress(state, outcome)
         log.end(run)
         return state
+
+    def _commit(self, log: RunLog, run: int, item: BatchItem, outcome: Outcome) -> Outcome:
+        """Write a result to the log and return it.
+
+        Where the products of a pair have filled the disk, so that the log has no room, they make room for it, and the
+        result is that the disk was full.
+        """
+        try:
+            log.add(run, outcome, item.folder, self.digest)
+        except LogFull:
+            shutil.rmtree(self.folder(item), ignore_errors=True)
+            reason = "the products left no room on the disk for the log and were removed; make room and say --retry"
+            outcome = unprocessed(item, "error", reason, outcome.seconds)
+            log.add(run, outcome, item.folder, self.digest)
+        return outcome
 
     def _clean(self) -> None:
         """Remove what a killed run left unfinished: temporary folders of the products, never a finished one."""

@@ -31,6 +31,10 @@ CREATE TABLE facts (result INTEGER REFERENCES results, fact TEXT, value REAL);
 """
 
 
+class LogFull(FormatError):
+    """The log cannot be written; the disk is full, as a rule."""
+
+
 @dataclass(frozen=True)
 class Latest:
     """The last result of a pair, as far as a later run needs it."""
@@ -39,7 +43,7 @@ class Latest:
     inputs: str
     stamp: str
     settings_digest: str
-    decision_id: str
+    run: int
 
 
 def now() -> str:
@@ -55,41 +59,80 @@ class RunLog:
     path : Path
         `run.sqlite`; made if it is not there.
     read_only : bool
-        Refuse a file that is not there instead.
+        Refuse a file that is not there instead; then the folder need not be writable.
 
     Raises
     ------
     FormatError
-        The file is something else, or of another version.
+        The file is something else, of another version, or cannot be opened.
     """
 
     def __init__(self, path: Path, *, read_only: bool = False) -> None:
         self.path = path
-        if read_only and not path.is_file():
-            raise FormatError(f"{path} is not there; give the folder that `terrex batch --out` wrote")
+        self._immutable = False
+        if read_only:
+            self._check_readable()
+            return
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with self._open() as base:
-                version = base.execute("PRAGMA user_version").fetchone()[0]
-                empty = not base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-                if empty:
-                    base.execute("PRAGMA journal_mode = WAL")
-                    base.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {VERSION}; COMMIT;")
-                elif version != VERSION:
-                    raise FormatError(
-                        f"{path} has version {version}, this program reads {VERSION}; choose another --out"
-                    )
-        except sqlite3.Error as error:
-            raise FormatError(f"{path} is no log of a batch ({error}); choose another --out") from error
+        with self._writing() as base:
+            empty = not base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+            if empty:
+                base.execute("PRAGMA journal_mode = WAL")
+                base.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {VERSION}; COMMIT;")
+            else:
+                self._check_version(base)
+
+    def _check_readable(self) -> None:
+        """Find a way to read the log; where nothing can be written beside it, it is read as it is."""
+        if not self.path.is_file():
+            raise FormatError(f"{self.path} is not there; give the folder that `terrex batch --out` wrote")
+        for self._immutable in (False, True):
+            try:
+                with self._open() as base:
+                    self._check_version(base)
+                return
+            except sqlite3.OperationalError as error:
+                if self._immutable or self.path.with_name(f"{NAME}-wal").exists():
+                    raise FormatError(f"{self.path} cannot be read ({error})") from error
+            except sqlite3.DatabaseError as error:
+                raise FormatError(f"{self.path} is no log of a batch ({error}); choose another folder") from error
+
+    def _check_version(self, base: sqlite3.Connection) -> None:
+        version = base.execute("PRAGMA user_version").fetchone()[0]
+        if version != VERSION:
+            raise FormatError(f"{self.path} has version {version}, this program reads {VERSION}; choose another folder")
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
-        with closing(sqlite3.connect(self.path, timeout=60.0)) as base, base:
+        place = f"{self.path.absolute().as_uri()}{'?immutable=1' if self._immutable else ''}"
+        with closing(sqlite3.connect(place, timeout=60.0, uri=True)) as base, base:
             yield base
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """Open the log to write to it.
+
+        Raises
+        ------
+        LogFull
+            It cannot be written.
+        FormatError
+            It is something else.
+        """
+        try:
+            with self._open() as base:
+                yield base
+        except sqlite3.OperationalError as error:
+            raise LogFull(
+                f"{self.path} cannot be written ({error}); make room on the disk and give the same command again: "
+                "what was finished is kept"
+            ) from error
+        except sqlite3.DatabaseError as error:
+            raise FormatError(f"{self.path} is no log of a batch ({error}); choose another folder") from error
 
     def begin(self, source: str, settings: Mapping[str, object], digest: str, versions: Mapping[str, str]) -> int:
         """Note that a run begins; return its number."""
-        with self._open() as base:
+        with self._writing() as base:
             cursor = base.execute(
                 "INSERT INTO runs (started, source, settings, settings_digest, versions) VALUES (?, ?, ?, ?, ?)",
                 (now(), source, json.dumps(settings), digest, json.dumps(versions)),
@@ -98,20 +141,26 @@ class RunLog:
 
     def end(self, run: int) -> None:
         """Note that a run ended."""
-        with self._open() as base:
+        with self._writing() as base:
             base.execute("UPDATE runs SET ended = ? WHERE run = ?", (now(), run))
 
     def latest(self) -> dict[str, Latest]:
         """Return the last result of every pair."""
         with self._open() as base:
             found = base.execute(
-                "SELECT pair, status, inputs, stamp, settings_digest, decision_id FROM results WHERE latest = 1"
+                "SELECT pair, status, inputs, stamp, settings_digest, run FROM results WHERE latest = 1"
             )
             return {str(pair): Latest(*rest) for pair, *rest in found}
 
+    def record(self, run: int) -> tuple[dict[str, object], dict[str, str]]:
+        """Return the settings and the versions of a run."""
+        with self._open() as base:
+            settings, versions = base.execute("SELECT settings, versions FROM runs WHERE run = ?", (run,)).fetchone()
+        return json.loads(settings), json.loads(versions)
+
     def add(self, run: int, outcome: Outcome, folder: str, settings_digest: str) -> None:
         """Commit a result with its firings, findings, steps and facts, all or nothing."""
-        with self._open() as base:
+        with self._writing() as base:
             base.execute("UPDATE results SET latest = 0 WHERE pair = ? AND latest = 1", (outcome.name,))
             cursor = base.execute(
                 "INSERT INTO results (run, pair, folder, status, reason, inputs, stamp, settings_digest, decision_id, "
@@ -146,7 +195,7 @@ class RunLog:
             The query is wrong, or would write.
         """
         try:
-            with closing(sqlite3.connect(self.path, timeout=60.0)) as base:
+            with self._open() as base:
                 base.execute("PRAGMA query_only = ON")
                 cursor = base.execute(text, tuple(values))
                 names = tuple(item[0] for item in cursor.description or ())

@@ -5,17 +5,27 @@ from __future__ import annotations
 import fnmatch
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from expert.batch.item import BatchItem
+from expert.batch.item import BatchItem, Stated
 from expert.batch.manifest import read_manifest
 from modules.formats.errors import FormatError
 
 IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 # Names of the two cameras, in files (`left_01.png`, `01-right.png`) and in folders (`left/01.png`).
 SIDES = (("left", "right"), ("cam0", "cam1"), ("im0", "im1"), ("image_0", "image_1"), ("image_2", "image_3"))
-CALIBRATIONS = ("calib.txt", "calib.yaml", "calib.yml", "calibration.yaml", "calibration.yml")
+CALIBRATIONS = (
+    "calib.txt",
+    "calib.yaml",
+    "calib.yml",
+    "calibration.yaml",
+    "calibration.yml",
+    "calib_cam_to_cam/{number}.txt",  # KITTI 2015: one for each frame
+    "calib_cam_to_cam.txt",  # KITTI raw data: one for each day
+)
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[BatchItem, ...]:
@@ -26,8 +36,8 @@ def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[Ba
     source : Path
         A manifest (`.csv`, `.jsonl`), or a folder: pairs are files whose paths differ only in the name of the camera
         (left and right, cam0 and cam1, im0 and im1, image_2 and image_3, image_0 and image_1), in the file or in a
-        folder above it. That covers KITTI, EuRoC and Middlebury. A `calib.txt` or `calib.yaml` beside the images, or in
-        a folder above them within the source, is theirs.
+        folder above it. That covers KITTI, EuRoC and Middlebury. A `calib.txt`, `calib.yaml`, `calibration.yaml` or
+        `calib_cam_to_cam.txt` beside the images, or in a folder above them within the source, is theirs.
     pattern : (str, str), optional
         Two patterns of paths below the folder with one `*` each, for other names.
 
@@ -107,9 +117,50 @@ def _by_pattern(source: Path, files: list[str], pattern: tuple[str, str]) -> dic
 def _item(source: Path, name: str, left: str, right: str) -> BatchItem:
     home = (source / left).parent
     folders = [home, *(folder for folder in home.parents if folder == source or source in folder.parents)]
-    calibration = next((folder / n for folder in folders for n in CALIBRATIONS if (folder / n).is_file()), None)
+    number = Path(left).stem.split("_")[0]
+    calibration = next(
+        (
+            path
+            for folder in folders
+            for name in CALIBRATIONS
+            if (path := folder / name.format(number=number)).is_file()
+        ),
+        None,
+    )
     shown = name.encode("utf-8", "backslashreplace").decode()  # names of files need not be UTF-8
-    return BatchItem(shown, source / left, source / right, calibration=calibration)
+    return BatchItem(shown, source / left, source / right, Stated(() if calibration is None else (calibration,)))
+
+
+def timed(items: Sequence[BatchItem], unit: str | None = None) -> tuple[BatchItem, ...]:
+    """Return the items with the time that each was taken, for a log of the inertial unit.
+
+    Parameters
+    ----------
+    items : sequence of BatchItem
+    unit : {"s", "ms", "us", "ns"}, optional
+        Of the number at the end of the names, where the items state no time; without a unit it is no time.
+
+    Raises
+    ------
+    FormatError
+        Items without a time; all of them are counted, and the first ones named.
+    """
+    found = [_timed(item, unit) for item in items]
+    lacking = [item.name for item in found if item.stated.time_s is None and item.stated.attitude is None]
+    if lacking:
+        shown = ", ".join(map(repr, lacking[:3])) + (", ..." if len(lacking) > 3 else "")
+        raise FormatError(
+            f"{len(lacking)} of {len(items)} pairs state no time for the log of the inertial unit ({shown}); "
+            "give a manifest with time_s, or --time-in-name and its unit"
+        )
+    return tuple(found)
+
+
+def _timed(item: BatchItem, unit: str | None) -> BatchItem:
+    number = re.search(r"\d+(\.\d+)?(?=\D*$)", item.name.rpartition("/")[2])
+    if item.stated.time_s is not None or unit is None or number is None:
+        return item
+    return replace(item, stated=replace(item.stated, time_s=float(number[0]) * TIME_UNITS[unit]))
 
 
 def select(items: tuple[BatchItem, ...], pattern: str | None, limit: int | None) -> tuple[BatchItem, ...]:

@@ -8,16 +8,21 @@ import json
 import tempfile
 import time
 import zipfile
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
 from expert.api import ExpertSystem, Profile
-from expert.batch.item import BatchItem
+from expert.batch.item import BatchItem, Stated
 from expert.engine import EngineName
 from expert.pair import PairError, StereoPair
-from modules.formats import FormatError, attitude_from_degrees
+from expert.products import DEFAULT_PRODUCTS
+from modules.formats import FormatError, attitude_from_degrees, read_imu_log
+from modules.formats.imu import ImuLog
+from modules.primitives.frames import Convention
+from modules.types import Attitude, Rover
 
 # The last four mean that the pair was not processed to an end; the first three are what a decision says.
 OutcomeStatus = Literal["reconstructed", "disparity_only", "failed", "unreadable", "error", "timeout", "crashed"]
@@ -33,37 +38,41 @@ class Settings:
     rules : tuple of str
         Files layered on the shipped rules.
     profile, engine : str
-    calibration, attitude : str or None
-        For the items that have none of their own.
-    disparity_range_px : (int, int) or None
-        For the items that have none of their own.
+    rover : Rover or None
+        The vehicle that shall drive on the terrain.
+    products : tuple of str
+        See `Result.save`.
     html : bool
         Whether each pair gets its `report.html`.
+    common : Stated
+        For the pairs that state nothing else.
     """
 
     rules: tuple[str, ...] = ()
     profile: Profile = "balanced"
     engine: EngineName = "experta"
-    calibration: str | None = None
-    attitude: str | None = None
-    disparity_range_px: tuple[int, int] | None = None
+    rover: Rover | None = None
+    products: tuple[str, ...] = DEFAULT_PRODUCTS
     html: bool = True
+    common: Stated = field(default_factory=Stated)
 
     def system(self) -> ExpertSystem:
         """Return the expert system; building it takes about as long as a pair."""
-        return ExpertSystem(rules=self.rules, profile=self.profile, engine=self.engine)
+        return ExpertSystem(rules=self.rules, profile=self.profile, engine=self.engine, rover=self.rover)
 
     def complete(self, item: BatchItem) -> BatchItem:
         """Return the item with what is stated for all."""
-        return BatchItem(
-            item.name,
-            item.left,
-            item.right,
-            item.calibration or (Path(self.calibration) if self.calibration else None),
-            item.attitude or (Path(self.attitude) if self.attitude and item.angles_deg is None else None),
-            item.angles_deg,
-            item.disparity_range_px or self.disparity_range_px,
-        )
+        return replace(item, stated=item.stated.over(self.common))
+
+    def record(self, rules_digest: str) -> dict[str, object]:
+        """Return what of it decisions and products hang on, by words that messages can use."""
+        rover = "none" if self.rover is None else ", ".join(f"{k} {v:g}" for k, v in asdict(self.rover).items())
+        return {
+            "rules": rules_digest[:12],
+            "profile": self.profile,
+            "rover": rover,
+            "products": ",".join(sorted(self.products)),
+        }
 
 
 @dataclass(frozen=True)
@@ -108,10 +117,10 @@ def inputs_digest(item: BatchItem) -> str:
 
     A file that cannot be read counts as such.
     """
-    digest = hashlib.sha256(repr((item.angles_deg, item.disparity_range_px)).encode())
-    for path in (item.left, item.right, item.calibration, item.attitude):
+    digest = hashlib.sha256(repr(item.facts).encode())
+    for path in item.files:
         try:
-            content = b"" if path is None else path.read_bytes()
+            content = path.read_bytes()
         except OSError as error:
             content = f"unreadable {error.errno}".encode()
         digest.update(f"{len(content)}:".encode())
@@ -121,13 +130,14 @@ def inputs_digest(item: BatchItem) -> str:
 
 def stamp(item: BatchItem) -> str:
     """Return the sizes and times of change of an item's files, and what is stated about it."""
-    found: list[object] = [item.angles_deg, item.disparity_range_px]
-    for path in (item.left, item.right, item.calibration, item.attitude):
+    found: list[object] = [item.facts]
+    for path in item.files:
         try:
-            state = None if path is None else path.stat()
+            state = path.stat()
         except OSError:
-            state = None
-        found.append(None if state is None else (str(path), state.st_size, state.st_mtime_ns))
+            found.append(None)
+        else:
+            found.append((str(path), state.st_size, state.st_mtime_ns))
     return repr(found)
 
 
@@ -136,7 +146,7 @@ def unprocessed(item: BatchItem, status: OutcomeStatus, reason: str, seconds: fl
     return Outcome(item.name, status, reason, inputs_digest(item), stamp(item), seconds=seconds)
 
 
-def process(system: ExpertSystem, item: BatchItem, out: Path, html: bool) -> Outcome:
+def process(system: ExpertSystem, item: BatchItem, out: Path, settings: Settings) -> Outcome:
     """Process one pair and write its products to the folder `out`, whole or not at all.
 
     Faults of the pair are told in the outcome; memory that does not suffice and faults of the program are, too, so that
@@ -155,7 +165,7 @@ def process(system: ExpertSystem, item: BatchItem, out: Path, html: bool) -> Out
         return ended("unreadable", str(error))
     try:
         result = system.reconstruct(pair)
-        result.save(out, html=html)
+        result.save(out, html=settings.html, products=settings.products)
     except FormatError as error:
         return ended("error", str(error))
     except OSError as error:
@@ -182,14 +192,31 @@ def process(system: ExpertSystem, item: BatchItem, out: Path, html: bool) -> Out
 
 
 def _load(item: BatchItem) -> StereoPair:
-    attitude = None if item.angles_deg is None else attitude_from_degrees(*item.angles_deg)
+    own = item.stated
     return StereoPair.load(
         item.left,
         item.right,
-        calibration=item.calibration,
-        attitude=attitude if attitude is not None else item.attitude,
-        disparity_range_px=item.disparity_range_px,
+        calibration=own.calibration or None,
+        attitude=_attitude(own),
+        disparity_range_px=own.disparity_range_px,
+        rectified=own.rectified,
+        alpha=own.alpha,
+        scale_calibration=own.scale_calibration,
     )
+
+
+def _attitude(own: Stated) -> Attitude | Path | None:
+    if own.angles_deg is not None:
+        return attitude_from_degrees(*own.angles_deg, convention=own.convention)
+    if own.imu is not None and own.time_s is not None:
+        return _log(own.imu, own.convention, own.imu.stat().st_mtime_ns).at(own.time_s)
+    return own.attitude
+
+
+@lru_cache(maxsize=2)
+def _log(path: Path, convention: Convention, changed_ns: int) -> ImuLog:
+    """Read a log once for all pairs of a worker; it is long, and their times are near each other."""
+    return read_imu_log(path, convention)
 
 
 # For workers that do not share a disk
@@ -200,7 +227,7 @@ class Packed:
     """An item with the content of its files, for a worker that cannot read them."""
 
     item: BatchItem
-    files: tuple[tuple[str, str, bytes], ...]  # field of the item, file name, content
+    files: tuple[bytes, ...]
 
 
 def pack(item: BatchItem) -> Packed:
@@ -211,36 +238,24 @@ def pack(item: BatchItem) -> Packed:
     OSError
         A file cannot be read.
     """
-    named = (("left", item.left), ("right", item.right), ("calibration", item.calibration), ("attitude", item.attitude))
-    return Packed(item, tuple((name, path.name, path.read_bytes()) for name, path in named if path is not None))
+    return Packed(item, tuple(path.read_bytes() for path in item.files))
 
 
-def process_packed(system: ExpertSystem, packed: Packed, html: bool) -> Outcome:
+def process_packed(system: ExpertSystem, packed: Packed, settings: Settings) -> Outcome:
     """Process a packed item in a temporary folder; the products come back as a ZIP archive in the outcome."""
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        paths = {}
-        for number, (name, file_name, content) in enumerate(packed.files):
-            (home / str(number)).mkdir()
-            paths[name] = home / str(number) / file_name
-            paths[name].write_bytes(content)
-        item = packed.item
-        local = BatchItem(
-            item.name,
-            paths["left"],
-            paths["right"],
-            paths.get("calibration"),
-            paths.get("attitude"),
-            item.angles_deg,
-            item.disparity_range_px,
-        )
-        outcome = process(system, local, home / "out", html)
+        paths = [home / str(number) / path.name for number, path in enumerate(packed.item.files)]
+        for path, content in zip(paths, packed.files, strict=True):
+            path.parent.mkdir()
+            path.write_bytes(content)
+        outcome = process(system, packed.item.moved(paths), home / "out", settings)
         archive = io.BytesIO()
         if (home / "out").is_dir():
             with zipfile.ZipFile(archive, "w", zipfile.ZIP_STORED) as file:
                 for path in sorted((home / "out").iterdir()):
                     file.write(path, path.name)
-        return Outcome(**{**outcome.__dict__, "products": archive.getvalue() or None})
+        return replace(outcome, products=archive.getvalue() or None)
 
 
 def unpack(products: bytes, folder: Path) -> None:
@@ -252,11 +267,7 @@ def unpack(products: bytes, folder: Path) -> None:
             (folder / name).write_bytes(file.read(name))
 
 
-def settings_digest(settings: Settings, rules_digest: str, versions: dict[str, str]) -> str:
-    """Return the SHA-256 of everything but the pair that a decision depends on."""
-    relevant: Sequence[object] = (
-        rules_digest,
-        settings.profile,
-        sorted((name, value) for name, value in versions.items() if name not in ("python",)),
-    )
+def settings_digest(record: Mapping[str, object], versions: Mapping[str, str]) -> str:
+    """Return the SHA-256 of everything but the pair that a decision and its products depend on."""
+    relevant = sorted(record.items()), sorted((name, value) for name, value in versions.items() if name != "python")
     return hashlib.sha256(json.dumps(relevant).encode()).hexdigest()

@@ -45,7 +45,9 @@ AttitudeOption = Annotated[
     typer.Option("--attitude", help="YAML: roll_deg, ..., quaternion, rotation_matrix or accelerometer_mps2"),
 ]
 Degrees = Annotated[float | None, typer.Option(help="degrees, REP 103: positive pitch lowers the nose")]
-ImuOption = Annotated[Path | None, typer.Option("--imu", help="CSV log of the inertial unit; needs --time")]
+ImuOption = Annotated[
+    Path | None, typer.Option("--imu", help="CSV log of the inertial unit; needs the time of each pair")
+]
 TimeOption = Annotated[float | None, typer.Option("--time", help="Time of the pair on the clock of --imu, s")]
 Convention: TypeAlias = Literal["rep103", "aerospace"]
 ConventionOption = Annotated[
@@ -103,11 +105,10 @@ class AttitudeOptions:
     pitch: Degrees = None
     yaw: Degrees = None
     imu: ImuOption = None
-    time: TimeOption = None
     convention: ConventionOption = "rep103"
 
-    def read(self) -> Attitude | None:
-        """Return the attitude, or None where none was given.
+    def read(self, time_s: float | None) -> Attitude | None:
+        """Return the attitude of a pair taken at a time, or None where none was given.
 
         Raises
         ------
@@ -116,20 +117,29 @@ class AttitudeOptions:
         """
         from modules.formats import attitude_from_degrees, read_attitude, read_imu_log
 
+        angles = self.angles_deg()
+        if (self.imu is None) != (time_s is None):
+            raise UsageError("--imu LOG and --time T belong together; give both or neither")
+        if self.imu is not None and time_s is not None:
+            return read_imu_log(self.imu, self.convention).at(time_s)
+        if self.attitude is not None:
+            return read_attitude(self.attitude)
+        return None if angles is None else attitude_from_degrees(*angles, convention=self.convention)
+
+    def angles_deg(self) -> tuple[float, float, float | None] | None:
+        """Return roll, pitch and yaw, or None where none was given.
+
+        Raises
+        ------
+        UsageError
+            The attitude is stated in two ways.
+        """
         by_angles = any(angle is not None for angle in (self.roll, self.pitch, self.yaw))
         if self.attitude is not None and by_angles:
             raise UsageError("give --attitude FILE or --roll --pitch --yaw, not both")
         if self.imu is not None and (self.attitude is not None or by_angles):
             raise UsageError("give --imu LOG --time T, --attitude FILE or --roll --pitch --yaw: one of them")
-        if (self.imu is None) != (self.time is None):
-            raise UsageError("--imu LOG and --time T belong together; give both or neither")
-        if self.imu is not None and self.time is not None:
-            return read_imu_log(self.imu, self.convention).at(self.time)
-        if self.attitude is not None:
-            return read_attitude(self.attitude)
-        if by_angles:
-            return attitude_from_degrees(self.roll or 0.0, self.pitch or 0.0, self.yaw, convention=self.convention)
-        return None
+        return (self.roll or 0.0, self.pitch or 0.0, self.yaw) if by_angles else None
 
 
 @dataclass(frozen=True)
@@ -140,11 +150,12 @@ class PairOptions:
     right: Right
     cameras: CameraOptions
     stated: AttitudeOptions
+    time: TimeOption = None
     disparity_range: RangeOption = None
 
     def load(self) -> StereoPair:
         """Read the pair."""
-        return self.cameras.load(self.left, self.right, self.stated.read(), self.disparity_range)
+        return self.cameras.load(self.left, self.right, self.stated.read(self.time), self.disparity_range)
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from expert.batch import Batch, ChangedSettings, Outcome, RunLog, Settings, find_pairs
+from expert.batch import Batch, ChangedSettings, Outcome, RunLog, Settings, Stated, find_pairs
 from expert.batch.page import write_page
 from expert.batch.run import alone
 from modules.formats import FormatError
 from tests.expert.batch.conftest import write_pair
 
-FAST = Settings(profile="fast", engine="compiled", html=False, disparity_range_px=(0, 32))
+FAST = Settings(profile="fast", engine="compiled", html=False, common=Stated(disparity_range_px=(0, 32)))
 Rows = list[tuple[object, ...]]
 
 
@@ -75,7 +75,9 @@ def test_changed_rules_are_noticed_and_what_to_do_is_asked(source: Path, tmp_pat
     run(source, tmp_path / "out")
     (tmp_path / "rig.yaml").write_text("version: 1\ndisable: [MAT016]\n")
     batch = Batch(find_pairs(source), tmp_path / "out", replace(FAST, rules=(str(tmp_path / "rig.yaml"),)))
-    with pytest.raises(ChangedSettings, match=r"3 of 3 pairs in .*out were processed with other rules, versions or"):
+    with pytest.raises(
+        ChangedSettings, match=r"3 of 3 pairs in .*out were processed otherwise \(rules \w+, now \w+\);"
+    ):
         batch.plan()
     assert len(batch.plan("redo").todo) == 3
     assert batch.plan("keep").done == 3
