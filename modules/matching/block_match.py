@@ -66,7 +66,7 @@ def block_match(state: Matching, params: BlockMatchParams) -> Matching:
         matcher.setUniquenessRatio(params.uniqueness_percent)
         return np.asarray(matcher.compute(one, other), np.int16)
 
-    margin = params.block_px // 2 + 1
+    margin = params.block_px // 2
     disparity, right_px = match_both(compute, left, right, search, margin, params.right_disparity)
     return assemble(state, disparity, right_px, params.reject_range_border)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.operator import OperatorError
-from modules.types import Disparity, DisparityRange, FloatImage, Invalid, Mask, Matching, Views
+from modules.types import Disparity, DisparityRange, FloatImage, Invalid, Mask, Matching, Views, blanked, flagged
 
 Pixel = TypeVar("Pixel", bound=np.generic)
 Bytes = NDArray[np.uint8]
@@ -114,7 +114,8 @@ def match_padded(
     """Run an OpenCV matcher without losing the columns and rows that it leaves out at the border.
 
     OpenCV matches only where the whole range lies inside the right image. Both images are therefore extended by
-    replicating their border, and the result is cropped. The number of disparities is rounded up to a multiple of 16.
+    replicating their border, by no more than is needed, and the result is cropped. The number of disparities is rounded
+    up to a multiple of 16.
 
     Parameters
     ----------
@@ -140,10 +141,9 @@ def match_padded(
     ]
     fixed = compute(np.asarray(padded[0], np.uint8), np.asarray(padded[1], np.uint8), search.min_px, count)
     fixed = fixed[margin_px : margin_px + rows, before : before + columns]
-    found = fixed >= search.min_px * FIXED_POINT_STEPS
-    return np.where(found, fixed * np.float32(1.0 / FIXED_POINT_STEPS), np.float32(np.nan)).astype(
-        np.float32, copy=False
-    )
+    disparity = fixed.astype(np.float32)
+    disparity *= np.float32(1.0 / FIXED_POINT_STEPS)
+    return blanked(disparity, fixed < search.min_px * FIXED_POINT_STEPS)
 
 
 def match_both(
@@ -206,38 +206,38 @@ def assemble(
     if search is None:
         raise OperatorError("matching: no disparity range is known; run matching.use_range first")
     views = state.views
-    columns = disparity.shape[1]
-    low, high = float(search.min_px), float(search.max_px - 1)
-    inset = 0.5 if reject_range_border else -0.5
-    across = np.broadcast_to(np.arange(columns, dtype=np.float32), disparity.shape)
-    # NaN lies within no bounds.
-    missing = ~_within(disparity, -np.inf, np.inf)
-    inside_range = _within(disparity, low + inset, high - inset)
-    inside_image = _within(across - disparity, -0.5, columns - 0.5)
     flags = np.zeros(disparity.shape, np.uint16) if reasons is None else reasons.copy()
-    flags |= _flag(missing & (flags == 0), Invalid.NO_MATCH)
-    flags |= _flag(~(inside_range | missing), Invalid.RANGE_BORDER)
-    flags |= _flag(~(inside_image | missing), Invalid.OUTSIDE)
+    _flag_values(disparity, flags, search, reject_range_border)
     if views.left_mask is not None:
-        flags |= _flag(~views.left_mask, Invalid.MASKED)
+        flags |= flagged(~views.left_mask, Invalid.MASKED)
     if views.right_mask is not None:
         usable, known = at_match(views.right_mask, disparity)
-        flags |= _flag(known & ~usable, Invalid.MASKED)
-    clipped = np.clip(disparity, np.float32(low), np.float32(high))
-    clean = np.where(flags == 0, clipped, np.float32(np.nan)).astype(np.float32, copy=False)
+        flags |= flagged(known & ~usable, Invalid.MASKED)
+    inside = np.clip(disparity, np.float32(search.min_px), np.float32(search.max_px - 1))
     if right_px is not None and views.right_mask is not None:
-        right_px = np.where(views.right_mask, right_px, np.float32(np.nan)).astype(np.float32)
-    return replace(state, disparity=Disparity(clean, flags, right_px=right_px, excess=excess))
+        right_px = blanked(right_px, ~views.right_mask)
+    return replace(state, disparity=Disparity(blanked(inside, flags != 0), flags, right_px=right_px, excess=excess))
 
 
-def _within(values: FloatImage, low: float, high: float) -> Mask:
-    """Return where values lie between two bounds or on them."""
-    return np.asarray(cv2.inRange(values, low, high), np.uint8).view(np.bool_)
-
-
-def _flag(where: Mask, reason: Invalid) -> NDArray[np.uint16]:
-    """Return a reason where it holds, else 0; much faster than an assignment through a mask."""
-    return np.multiply(where, np.uint16(reason), dtype=np.uint16)
+def _flag_values(
+    disparity: FloatImage, flags: NDArray[np.uint16], search: DisparityRange, reject_range_border: bool
+) -> None:
+    """Add to flags (H, W) what is wrong with raw disparities (H, W): missing, beyond the range, outside the image."""
+    columns = disparity.shape[1]
+    inset = np.float32(0.5 if reject_range_border else -0.5)
+    low, high = search.min_px + inset, search.max_px - 1 - inset
+    # NaN is neither below nor above a bound.
+    flags |= flagged(np.isnan(disparity) & (flags == 0), Invalid.NO_MATCH)
+    flags |= flagged((disparity < low) | (disparity > high), Invalid.RANGE_BORDER)
+    across = np.arange(columns, dtype=np.float32)
+    first = min(search.max_px + OPENCV_STEP, columns)  # columns from there on match inside, even rounded up
+    if first > 0:
+        left = slice(0, first)
+        flags[:, left] |= flagged(disparity[:, left] > across[left] + np.float32(0.5), Invalid.OUTSIDE)
+    last = max(columns - 1 + search.min_px, 0)  # columns up to there match inside
+    if last < columns:
+        right = slice(last, columns)
+        flags[:, right] |= flagged(disparity[:, right] < across[right] - np.float32(columns - 0.5), Invalid.OUTSIDE)
 
 
 def require_disparity(state: Matching, name: str) -> Disparity:

@@ -94,8 +94,7 @@ def semi_global_block_match(state: Matching, params: SemiGlobalBlockMatchParams)
         )
         return np.asarray(matcher.compute(one, other), np.int16)
 
-    margin = params.block_px // 2 + 1
-    disparity, right_px = match_both(compute, left, right, search, margin, params.right_disparity)
+    disparity, right_px = match_both(compute, left, right, search, 0, params.right_disparity)
     return assemble(state, disparity, right_px, params.reject_range_border)
 
 

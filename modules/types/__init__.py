@@ -9,7 +9,7 @@ roll lowers the right side, positive pitch lowers the nose, positive yaw turns l
 """
 
 from modules.types.cameras import Calibration, Camera, Rectification, StereoRig
-from modules.types.disparity import Disparity, DisparityRange, Invalid, Matching
+from modules.types.disparity import Disparity, DisparityRange, Invalid, Matching, blanked, flagged
 from modules.types.images import Correspondences, FloatImage, Image, Mask, Side, Views, dn_scale, full_scale
 from modules.types.poses import Attitude, Mount, Pose
 from modules.types.terrain import Datum, ElevationMap, GroundPlane, Hazard, PointCloud, Rover, Scene, SharedError, Sight
@@ -41,6 +41,8 @@ __all__ = [
     "Sight",
     "StereoRig",
     "Views",
+    "blanked",
     "dn_scale",
+    "flagged",
     "full_scale",
 ]

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from modules.types.images import FloatImage, Mask, Views
 
+NAN_BITS = np.uint32(0x7FC00000)  # set in every quiet NaN of IEEE 754; with them any float32 is one
+
 
 @dataclass(frozen=True)
 class DisparityRange:
@@ -48,6 +50,21 @@ class Invalid(IntFlag):
     FILLED = 4096  # in a filled product only: the value was interpolated
 
 
+def blanked(values: FloatImage, where: Mask) -> FloatImage:
+    """Return a copy of `values` (float32) that is NaN at `where`.
+
+    Setting the bits that NaN has needs no branch; `np.where` takes up to ten times as long on scattered pixels.
+    """
+    bits = np.multiply(where, NAN_BITS, dtype=np.uint32)
+    bits |= np.ascontiguousarray(values).view(np.uint32)
+    return bits.view(np.float32)
+
+
+def flagged(where: Mask, reason: Invalid) -> NDArray[np.uint16]:
+    """Return a reason where it holds, else 0."""
+    return np.multiply(where, np.uint16(reason), dtype=np.uint16)
+
+
 @dataclass(frozen=True)
 class Disparity:
     """A disparity map of the left image.
@@ -84,9 +101,9 @@ class Disparity:
     def reject(self, where: Mask, reason: Invalid) -> Disparity:
         """Return a copy with the valid pixels of `where` made invalid for `reason`."""
         drop = where & self.valid
-        disparity = np.where(drop, np.float32(np.nan), self.disparity_px)
-        validity = np.where(drop, self.validity | np.uint16(reason), self.validity).astype(np.uint16)
-        return replace(self, disparity_px=disparity, validity=validity)
+        return replace(
+            self, disparity_px=blanked(self.disparity_px, drop), validity=self.validity | flagged(drop, reason)
+        )
 
     def rejected(self) -> dict[str, int]:
         """Count the invalid pixels by reason."""

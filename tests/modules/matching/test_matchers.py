@@ -184,3 +184,25 @@ def test_unusable_input_is_refused_in_words(
 def test_a_missing_range_is_refused(name: str) -> None:
     with pytest.raises(OperatorError, match="use_range"):
         BY_NAME[name].function(Matching(shifted(3)), BY_NAME[name].params())
+
+
+def test_block_matching_is_that_of_opencv_where_opencv_matches() -> None:
+    views, count, block = shifted(7), 32, 15
+    plain = cv2.StereoBM.create(count, block)
+    plain.setPreFilterType(cv2.STEREO_BM_PREFILTER_XSOBEL)
+    plain.setUniquenessRatio(10)
+    fixed = plain.compute(views.left, views.right)
+    state = match(views, 0, count, "matching.block_match", block_px=block)
+    assert state.disparity is not None
+    inner = slice(block, -block), slice(count - 1 + block, -block)  # where no block or its filter sees the border
+    assert (fixed[inner] >= 0).all()
+    np.testing.assert_array_equal(state.disparity.disparity_px[inner], fixed[inner] / 16.0)
+
+
+@pytest.mark.parametrize("name", ["matching.block_match", "matching.semi_global_block_match"])
+def test_no_row_or_column_is_lost_at_the_border(name: str) -> None:
+    found = match(shifted(2), 0, 32, name, uniqueness_percent=0).disparity
+    assert found is not None
+    assert found.valid[0, 2:].all()
+    assert found.valid[-1, 2:].all()
+    assert found.valid[:, 2:].mean() > 0.99
