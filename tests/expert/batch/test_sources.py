@@ -150,3 +150,43 @@ def test_filters_and_limits_keep_the_order(tmp_path: Path) -> None:
     items = find_pairs(tmp_path)
     assert [item.name for item in select(items, "d2/*", None)] == ["d2/1", "d2/2"]
     assert [item.name for item in select(items, None, 3)] == ["d1/1", "d1/2", "d2/1"]
+
+
+def test_the_calibrations_of_kitti_are_found_by_frame_and_by_day(tmp_path: Path) -> None:
+    for number in ("000000", "000001"):
+        touch(tmp_path, f"2015/image_2/{number}_10.png", f"2015/image_3/{number}_10.png", f"day/image_0/{number}.png")
+        touch(tmp_path, f"2015/calib_cam_to_cam/{number}.txt", f"day/image_1/{number}.png")
+    touch(tmp_path, "day/calib_cam_to_cam.txt")
+    found = {item.name: item.stated.calibration for item in find_pairs(tmp_path)}
+    frames = {f"2015/00000{i}_10": (tmp_path / f"2015/calib_cam_to_cam/00000{i}.txt",) for i in (0, 1)}
+    assert found == frames | {f"day/00000{i}": (tmp_path / "day/calib_cam_to_cam.txt",) for i in (0, 1)}
+
+
+def test_two_files_of_one_calibration_and_a_log_with_a_time_are_read(tmp_path: Path) -> None:
+    touch(tmp_path, "l.png", "r.png", "in.yml", "ex.yml", "imu.csv")
+    (tmp_path / "m.csv").write_text(
+        "left,right,calibration,calibration_2,imu,time_s\nl.png,r.png,in.yml,ex.yml,imu.csv,1.5\n"
+    )
+    (item,) = find_pairs(tmp_path / "m.csv")
+    both = (tmp_path / "in.yml", tmp_path / "ex.yml")
+    assert item.stated == Stated(both, imu=tmp_path / "imu.csv", time_s=1.5)
+
+
+def test_halves_and_doubles_in_a_manifest_are_named(tmp_path: Path) -> None:
+    touch(tmp_path, "l.png", "r.png", "a")
+    rows = (
+        {"calibration_2": "a"},
+        {"imu": "a"},
+        {"imu": "a", "time_s": 1, "roll_deg": 2},
+        {"attitude": "a", "pitch_deg": 2},
+    )
+    lines = [json.dumps({"name": str(i), "left": "l.png", "right": "r.png", **row}) for i, row in enumerate(rows)]
+    (tmp_path / "m.jsonl").write_text("\n".join(lines))
+    with pytest.raises(ManifestError) as found:
+        find_pairs(tmp_path / "m.jsonl")
+    assert str(found.value).replace(f"{tmp_path / 'm.jsonl'}: ", "").splitlines() == [
+        "line 1: calibration_2 is given without calibration; give both, or the one file as calibration",
+        "line 2: imu is given without time_s; give the time of the pair on the clock of the log",
+        "line 3: imu and angles are given; an attitude is stated in one way, leave out the others",
+        "line 4: attitude and angles are given; an attitude is stated in one way, leave out the others",
+    ]

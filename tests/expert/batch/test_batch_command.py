@@ -1,0 +1,108 @@
+"""`terrex batch` and `terrex log` as words on a command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from expert.batch import Batch, Outcome, RunLog, Settings, Stated, find_pairs
+from expert.batch.runlog import NAME
+from expert.cli.main import complete_app
+from expert.cli.usage import UsageError
+from tests.expert.batch.conftest import write_pair
+
+FAST = Settings(profile="fast", engine="compiled", html=False, common=Stated(disparity_range_px=(0, 32)))
+
+
+def told(*words: object) -> str:
+    done = CliRunner().invoke(complete_app(), [str(word) for word in words])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return done.stdout
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    write_pair(tmp_path / "source", "1", seed=1)
+    return tmp_path / "source"
+
+
+@pytest.fixture
+def logged(tmp_path: Path) -> Path:
+    """A log of two runs: the decision of `b` changed, `slow` took longest."""
+    log = RunLog(tmp_path / "out" / NAME)
+    for run in (log.begin("source", {}, "one", {}), log.begin("source", {}, "two", {})):
+        for name, seconds, decision in (("a", 0.1, "same"), ("b", 0.2, f"of run {run}"), ("slow", 3.0, "same")):
+            record = {
+                "facts": [],
+                "firings": [{"rule": f"RUN00{run}", "stage": "correction"}],
+                "findings": [],
+                "plans": {},
+            }
+            log.add(
+                run,
+                Outcome(name, "reconstructed", decision=json.dumps(record), decision_id=decision, seconds=seconds),
+                name,
+                "digest",
+            )
+    return tmp_path / "out"
+
+
+def test_a_dry_run_says_what_would_be_redone_and_why(source: Path, tmp_path: Path) -> None:
+    batch = Batch(find_pairs(source), tmp_path / "out", FAST)
+    batch.run(batch.plan())
+    words = ("batch", source, "--out", tmp_path / "out", "--engine", "compiled", "--disparity-range", 0, 32)
+    said = told(*words, "--profile", "balanced", "--dry-run").splitlines()
+    assert said == [
+        "processed otherwise: '1'",
+        "to do: 1 processed otherwise; 0 are done",
+        "processed otherwise: profile fast, now balanced; --resume keep leaves them, --resume redo does not",
+    ]
+    with pytest.raises(UsageError, match=r"1 of 1 pairs in .* were processed otherwise \(profile fast, now balanced\)"):
+        told(*words, "--profile", "balanced")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--jobs", 0), "--jobs 0 is below 1; give 1 or more"),
+        (("--limit", 0), "--limit 0 is below 1; give 1 or more"),
+        (("--timeout", 0), "--timeout 0 is not positive; give seconds"),
+        (("--filter", "x*"), r"no pair of .* matches --filter 'x\*'"),
+        (("--scheduler", "tcp://h:1", "--timeout", 5), "--timeout and --memory-limit bind workers on this machine"),
+        (("--roll", 1, "--attitude", "a.yaml"), "give --attitude FILE or --roll --pitch --yaw, not both"),
+    ],
+)
+def test_wrong_usage_is_named(words: tuple[object, ...], said: str, source: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=said):
+        told("batch", source, "--out", tmp_path / "out", *words)
+
+
+def ask(out: Path, *words: object) -> list[dict[str, object]]:
+    return list(json.loads(told("log", out, "--format", "json", *words)))
+
+
+def test_the_log_tells_decisions_that_changed_between_runs(logged: Path) -> None:
+    assert [(row["pair"], row["decisions"]) for row in ask(logged, "--changed")] == [("b", 2)]
+
+
+def test_the_log_tells_the_slowest_pairs_first(logged: Path) -> None:
+    assert [row["pair"] for row in ask(logged, "--slowest", 2)] == ["slow", "b"]
+
+
+def test_the_log_tells_of_the_last_run_which_pairs_fired_a_rule(logged: Path) -> None:
+    assert [row["pair"] for row in ask(logged, "--rule", "RUN002")] == ["a", "b", "slow"]
+    assert ask(logged, "--rule", "RUN001") == []
+
+
+def test_the_log_comes_as_csv_and_as_parquet(logged: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rows = list(csv.DictReader(io.StringIO(told("log", logged, "--slowest", 1, "--format", "csv"))))
+    assert [(row["pair"], row["seconds"]) for row in rows] == [("slow", "3.0")]
+    told("log", logged, "--slowest", 1, "--format", "parquet", "--out", tmp_path / "log.parquet")
+    assert parquet.read_table(tmp_path / "log.parquet").to_pylist()[0]["pair"] == "slow"
