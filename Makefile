@@ -132,6 +132,16 @@ docs: $(STAMP)  ## Build the documentation into site/, what is generated from th
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build -q
 	@echo 'open site/index.html'
 
+.PHONY: browser
+browser: $(STAMP)  ## Test the pages of reports and batches in Chromium (needs Node.js 18 and Chromium; screenshots in build/browser)
+	@tests/browser/prepare.sh
+	@$(BIN)/python tests/browser/make_pages.py build/browser
+	@cd tests/browser && node --test --test-reporter=spec *.test.mjs
+
+.PHONY: bench-report
+bench-report: $(STAMP)  ## Measure what the reports of a pair cost
+	@$(BIN)/python -m benchmarks.report $(ARGS)
+
 fmt: $(STAMP)  ## Format code and rules, and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true
 	@$(BIN)/ruff format -q $(PATHS)
@@ -150,7 +160,7 @@ wheel: $(STAMP)  ## Build the wheel and the source distribution into dist/
 	@ls dist
 
 clean:  ## Remove the environment and everything that was built
-	rm -rf $(VENV) build dist site docs/generated demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) tests/browser/node_modules build dist site docs/generated demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .PHONY: bench-batch

@@ -17,7 +17,9 @@ PAGE = "index.html"
 OUTLIER = 5.0  # robust standard deviations from the median of the batch
 MOST_OUTLIERS = 50
 FEWEST_PAIRS = 8  # below this a spread says little
-WIDTH, HEIGHT = 240, 40
+TREND = 3.0  # robust standard deviations over the batch, from which a fact that is not watched is shown, too
+MOST_DRIFTS = 30
+WIDTH, HEIGHT = 320, 56
 WATCHED = (  # facts whose drift over a sequence tells of cameras that change
     "brightness.mean_difference_dn",
     "brightness.gain",
@@ -46,15 +48,38 @@ class PairLine:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """An outlier in the course of a fact."""
+
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
 class Drift:
-    """One fact over the pairs in the order of their names."""
+    """One fact over the pairs in the order of their names.
+
+    Attributes
+    ----------
+    points : str
+        Of an SVG polyline.
+    middle : float
+        Height of the median in the picture.
+    marks : tuple of Mark
+        The outliers.
+    slope : float
+        Change over the whole batch in robust standard deviations.
+    """
 
     fact: str
     least: float
     median: float
     most: float
     points: str
-    slope: float  # change over the whole batch in robust standard deviations
+    middle: float
+    marks: tuple[Mark, ...]
+    slope: float
 
 
 @dataclass(frozen=True)
@@ -66,6 +91,15 @@ class Outlier:
     value: float
     median: float
     deviations: float
+
+
+@dataclass(frozen=True)
+class RuleCount:
+    """How many pairs a rule fired for."""
+
+    rule: str
+    pairs: int
+    percent: float
 
 
 def _pairs(log: RunLog, out: Path) -> list[PairLine]:
@@ -112,20 +146,28 @@ def _spread(values: Sequence[float]) -> tuple[float, float]:
 
 
 def drifts(facts: dict[str, list[tuple[str, float]]]) -> list[Drift]:
-    """Return the watched facts over the batch."""
-    found = []
-    for name in WATCHED:
-        values = [value for _, value in facts.get(name, [])]
-        if len(values) < FEWEST_PAIRS:
-            continue
-        median, spread = _spread(values)
-        low, high = min(values), max(values)
-        scale = (HEIGHT - 4) / max(high - low, 1e-12)
-        step = WIDTH / (len(values) - 1)
-        points = " ".join(f"{i * step:.1f},{HEIGHT - 2 - (v - low) * scale:.1f}" for i, v in enumerate(values))
-        slope = float(np.polyfit(np.linspace(0, 1, len(values)), values, 1)[0]) / max(spread, 1e-12)
-        found.append(Drift(name, low, median, high, points, slope if spread > 0 else 0.0))
-    return found
+    """Return the watched facts over the batch, and after them those that changed most."""
+    found = {name: _drift(name, items) for name, items in facts.items() if len(items) >= FEWEST_PAIRS}
+    watched = [found[name] for name in WATCHED if name in found]
+    others = [item for name, item in found.items() if name not in WATCHED and abs(item.slope) >= TREND]
+    return (watched + sorted(others, key=lambda item: -abs(item.slope)))[:MOST_DRIFTS]
+
+
+def _drift(name: str, items: Sequence[tuple[str, float]]) -> Drift:
+    values = [value for _, value in items]
+    median, spread = _spread(values)
+    low, high = min(values), max(values)
+    scale = (HEIGHT - 8) / max(high - low, 1e-12)
+    step = (WIDTH - 8) / (len(values) - 1)
+    places = [(4 + i * step, HEIGHT - 4 - (value - low) * scale) for i, value in enumerate(values)]
+    marks = tuple(
+        Mark(x, y, f"{pair}: {value:.4g}")
+        for (x, y), (pair, value) in zip(places, items, strict=True)
+        if spread > 0 and abs(value - median) > OUTLIER * spread
+    )
+    slope = float(np.polyfit(np.linspace(0, 1, len(values)), values, 1)[0]) / spread if spread > 0 else 0.0
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+    return Drift(name, low, median, high, points, HEIGHT - 4 - (median - low) * scale, marks, slope)
 
 
 def outliers(facts: dict[str, list[tuple[str, float]]]) -> list[Outlier]:
@@ -148,30 +190,28 @@ def outliers(facts: dict[str, list[tuple[str, float]]]) -> list[Outlier]:
 def write_page(out: Path) -> Path:
     """Write `index.html` of a batch from its log; return its path."""
     log = RunLog(out / NAME, read_only=True)
-    facts = _facts(log)
-    _, rules = log.query(
-        "SELECT f.rule, count(DISTINCT f.result) FROM firings f JOIN results r USING (result) WHERE r.latest = 1 "
-        "GROUP BY f.rule ORDER BY 2 DESC, 1"
-    )
+    facts, pairs = _facts(log), _pairs(log, out)
     _, counts = log.query("SELECT status, count(*) FROM results WHERE latest = 1 GROUP BY status ORDER BY 2 DESC")
-    write_text(out / PAGE, _render(_pairs(log, out), rules, counts, drifts(facts), outliers(facts)))
-    return out / PAGE
-
-
-def _render(
-    pairs: Sequence[PairLine],
-    rules: Sequence[tuple[object, ...]],
-    counts: Sequence[tuple[object, ...]],
-    drift: Sequence[Drift],
-    outlying: Sequence[Outlier],
-) -> str:
-    return render(
+    page = render(
         "expert.batch",
         "batch.html.j2",
         pairs=pairs,
-        rules=rules,
+        good=("reconstructed", "disparity_only"),
+        reports={pair.name: pair.report for pair in pairs if pair.report},
+        seconds=_spread([pair.seconds for pair in pairs])[0] if pairs else 0.0,
+        rules=_rules(log, len(pairs)),
         counts=counts,
-        drift=drift,
-        outlying=outlying,
+        drift=drifts(facts),
+        outlying=outliers(facts),
         size=(WIDTH, HEIGHT),
     )
+    write_text(out / PAGE, page)
+    return out / PAGE
+
+
+def _rules(log: RunLog, pairs: int) -> list[RuleCount]:
+    _, rows = log.query(
+        "SELECT f.rule, count(DISTINCT f.result) FROM firings f JOIN results r USING (result) WHERE r.latest = 1 "
+        "GROUP BY f.rule ORDER BY 2 DESC, 1"
+    )
+    return [RuleCount(str(rule), int(str(count)), 100.0 * int(str(count)) / max(pairs, 1)) for rule, count in rows]

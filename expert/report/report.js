@@ -24,6 +24,7 @@ document.querySelectorAll(".wipe").forEach(function (figure) {
     });
     document.getElementById("facts-shown").textContent = count + " of " + rows.length;
   }
+  only.checked = matchMedia("(max-width: 40rem)").matches;
   only.addEventListener("change", filter);
   words.addEventListener("input", filter);
   filter();
