@@ -14,12 +14,18 @@ DERIVATIVE = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]], np.float32) / np.float32(12
 
 
 def refine_by_intensity(
-    left: Bytes, right: Bytes, disparity: FloatImage, pool: ThreadPoolExecutor | None
+    left: Bytes,
+    right: Bytes,
+    disparity: FloatImage,
+    pool: ThreadPoolExecutor | None,
+    radius: int = 2,
+    passes: int = 1,
 ) -> FloatImage:
     """Return disparities moved to where the intensities of the right image fit those of the left one best.
 
-    One Gauss-Newton step in a small window, with a gain and an offset of its own and only the neighbours of similar
-    disparity. The step is damped by the misfit that remains, so that a flat or a disturbed window keeps its disparity.
+    Gauss-Newton steps in a small window, with a gain and an offset of its own and only the neighbours of similar
+    disparity. A step is damped by the misfit that remains, so that a flat or a disturbed window keeps its disparity;
+    noise asks for more steps.
 
     Parameters
     ----------
@@ -28,6 +34,10 @@ def refine_by_intensity(
         Finite; wrong by a fraction of a pixel, px.
     pool : ThreadPoolExecutor or None
         Does two parts at once; the result does not depend on that.
+    radius : int
+        Half side of the window, px.
+    passes : int
+        Steps.
 
     Returns
     -------
@@ -49,19 +59,22 @@ def refine_by_intensity(
 
     def work(start: int, stop: int) -> None:
         part = slice(start, stop)
-        refinement.smooth_rows(disparity, start, stop, smooth)
+        refinement.smooth_rows(current, radius, start, stop, smooth)
         down = np.repeat(np.arange(start, stop, dtype=np.float32)[:, None], columns, axis=1)
         at = across - smooth[part]
         warped[part] = cv2.remap(target, at, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         warped_slope[part] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def fit(start: int, stop: int) -> None:
-        refinement.fit_rows(wanted, warped, warped_slope, smooth, start, stop, refined)
+        refinement.fit_rows(wanted, warped, warped_slope, smooth, radius, start, stop, refined)
 
-    for step in (work, fit):
-        if pool is None:
-            step(0, rows)
-            continue
-        for half in [pool.submit(step, *bounds) for bounds in halves]:
-            half.result()
+    current = disparity
+    for _ in range(passes):
+        for step in (work, fit):
+            if pool is None:
+                step(0, rows)
+                continue
+            for half in [pool.submit(step, *bounds) for bounds in halves]:
+                half.result()
+        current = refined
     return refined

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import Literal
 
+import cv2
 import numpy as np
 from pydantic import Field
 
@@ -18,7 +19,7 @@ from modules.matching.features import FINENESS, CensusName, CostName, compute_fe
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.primitives.threads import allowed_threads
-from modules.types import DisparityRange, FloatImage, Invalid, Matching
+from modules.types import DisparityRange, FloatImage, Invalid, Matching, Views
 
 LARGEST_COST = 36.0  # costs are cut off here: two unrelated windows seldom differ by more, bits of census
 LEVELS = 255  # path costs are bytes: the largest cost and the largest penalty together
@@ -53,6 +54,14 @@ class SemiGlobalMatchParams(OperatorParams):
     subpixel: Literal["parabola", "equiangular", "intensity"] = Field(
         "intensity",
         description="Curve fitted at the least cost, or lines refined by intensities, which locks least to whole px",
+    )
+    refine_px: int = Field(5, ge=3, le=15, description="Side of the window of that refinement, odd, px")
+    refine_passes: int = Field(
+        1, ge=1, le=8, description="Steps of that refinement; noise damps each, so it needs more"
+    )
+    gray: Literal["luminance", "mean"] = Field(
+        "luminance",
+        description="Gray of colour images: weights of BT.601, or equal ones, which leave less noise",
     )
     coarse_to_fine: bool = Field(
         False, description="Match half-size images first and give each tile its range: for large images and ranges"
@@ -118,7 +127,7 @@ def match_gray(left: Bytes, right: Bytes, search: DisparityRange, params: SemiGl
         found = _match_levels(left, right, search, params, pool)
         if params.subpixel != "intensity":
             return found
-        refined = refine_by_intensity(left, right, found.disparity, pool)
+        refined = refine_by_intensity(left, right, found.disparity, pool, params.refine_px // 2, params.refine_passes)
     return replace(found, disparity=_held_at_ends(refined, found.disparity, search))
 
 
@@ -155,6 +164,17 @@ def _held_at_ends(refined: FloatImage, disparity: FloatImage, search: DisparityR
     floor = np.where(disparity == high, high - half, np.where(disparity == low, low, low + 1 - half))
     ceiling = np.where(disparity == low, low + half, np.where(disparity == high, high, high - 1 + half))
     return np.clip(refined, floor, ceiling).astype(np.float32)
+
+
+def _mixed(views: Views, gray: Literal["luminance", "mean"]) -> Views:
+    """Return views whose images are the mean of their channels, where that is wanted."""
+    if gray == "luminance" or views.left.ndim == 2:
+        return views
+    third = np.full((1, 3), 1.0 / 3.0, np.float32)
+    left, right = (
+        np.asarray(cv2.transform(image, third)).reshape(image.shape[:2]) for image in (views.left, views.right)
+    )
+    return views.with_images(left, right)
 
 
 def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matching:
@@ -194,10 +214,12 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     """
     if params.window_px % 2 == 0:
         raise OperatorError(f"{NAME}: window_px {params.window_px} is even; use {params.window_px + 1}")
+    if params.refine_px % 2 == 0:
+        raise OperatorError(f"{NAME}: refine_px {params.refine_px} is even; use {params.refine_px + 1}")
     if params.p2 < params.p1:
         raise OperatorError(f"{NAME}: p2 {params.p2:g} is smaller than p1 {params.p1:g}; use a larger p2")
     search = checked_range(state, max(params.window_px, window_of(params.cost, params.census)), NAME)
-    left, right = to_bytes(state.views, colour=False)
+    left, right = to_bytes(_mixed(state.views, params.gray), colour=False)
     found = match_gray(left, right, search, params)
     flat = np.isnan(found.ratio)
     reasons = np.where(flat, np.uint16(Invalid.FLAT_MINIMUM), np.uint16(0)).astype(np.uint16)

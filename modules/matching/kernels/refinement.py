@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from modules.matching.kernels.compiler import kernel
 
 # Refinement by intensities; the values suit rendered terrain and the development pairs alike.
-REFINE_RADIUS = 2  # px
 SMOOTH_LIMIT = 0.25  # largest change by the mean of the neighbours, px
 STEP_LIMIT = 0.3  # largest change by the intensities, px
 LEAST_GAIN = 0.25  # least ratio of contrast between the images, and inverse of the largest
@@ -18,7 +17,7 @@ MISFIT_WEIGHT = 5.0  # counts the remaining misfit as noise; more than 1, becaus
 
 
 @kernel
-def smooth_rows(disparity: NDArray[np.float32], start: int, stop: int, out: NDArray[np.float32]) -> None:
+def smooth_rows(disparity: NDArray[np.float32], radius: int, start: int, stop: int, out: NDArray[np.float32]) -> None:
     """Fill rows of `out` with disparities moved towards the mean of their neighbours, at most by `SMOOTH_LIMIT`.
 
     Only neighbours of similar disparity count, and near an edge, where they are few, they count less.
@@ -30,11 +29,11 @@ def smooth_rows(disparity: NDArray[np.float32], start: int, stop: int, out: NDAr
     for y in range(start, stop):
         number[:] = zero
         total[:] = zero
-        for dy in range(-REFINE_RADIUS, REFINE_RADIUS + 1):
+        for dy in range(-radius, radius + 1):
             yy = y + dy
             if yy < 0 or yy >= rows:
                 continue
-            for dx in range(-REFINE_RADIUS, REFINE_RADIUS + 1):
+            for dx in range(-radius, radius + 1):
                 begin, end = max(0, -dx), min(columns, columns - dx)
                 here = disparity[y, begin:end]
                 there = disparity[yy, begin + dx : end + dx]
@@ -46,7 +45,7 @@ def smooth_rows(disparity: NDArray[np.float32], start: int, stop: int, out: NDAr
                     n[x] += weight
                     s[x] += weight * step
         limit = np.float32(SMOOTH_LIMIT)
-        square = np.float32((2 * REFINE_RADIUS + 1) ** 4)
+        square = np.float32((2 * radius + 1) ** 4)
         for x in range(columns):
             out[y, x] = disparity[y, x] + min(max(total[x] * number[x] / square, -limit), limit)
 
@@ -57,6 +56,7 @@ def fit_rows(
     right: NDArray[np.float32],
     slope: NDArray[np.float32],
     disparity: NDArray[np.float32],
+    radius: int,
     start: int,
     stop: int,
     out: NDArray[np.float32],
@@ -73,6 +73,8 @@ def fit_rows(
         Derivative of the right image there, DN/px.
     disparity : float32 (H, W)
         px.
+    radius : int
+        Half side of the window, px.
     start, stop : int
     out : float32 (H, W)
     """
@@ -81,11 +83,11 @@ def fit_rows(
     sums = np.empty((10, columns), np.float32)
     for y in range(start, stop):
         sums[:] = zero
-        for dy in range(-REFINE_RADIUS, REFINE_RADIUS + 1):
+        for dy in range(-radius, radius + 1):
             yy = y + dy
             if yy < 0 or yy >= rows:
                 continue
-            for dx in range(-REFINE_RADIUS, REFINE_RADIUS + 1):
+            for dx in range(-radius, radius + 1):
                 begin, end = max(0, -dx), min(columns, columns - dx)
                 d0, l0, r0 = disparity[y, begin:end], left[y, begin:end], right[y, begin:end]
                 d1 = disparity[yy, begin + dx : end + dx]

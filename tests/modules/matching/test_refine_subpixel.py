@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modules.matching.kernels import refinement
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.matching.semi_global_match import SemiGlobalMatchParams, semi_global_match
+from modules.operator import OperatorError
 from modules.types import DisparityRange, Matching, Views
 
 
@@ -66,9 +67,47 @@ def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
     whole, parts = np.empty((2, *truth.shape), np.float32), np.empty((2, *truth.shape), np.float32)
     for bounds, out in (((0, 60),), whole), (((0, 13), (13, 60)), parts):
         for start, stop in bounds:
-            refinement.smooth_rows(truth + np.float32(0.1), start, stop, out[0])
-            refinement.fit_rows(images[0], images[1], images[1], truth, start, stop, out[1])
+            refinement.smooth_rows(truth + np.float32(0.1), 2, start, stop, out[0])
+            refinement.fit_rows(images[0], images[1], images[1], truth, 2, start, stop, out[1])
     np.testing.assert_array_equal(whole, parts)
+
+
+def test_under_noise_a_wider_window_and_more_steps_come_nearer() -> None:
+    views, truth = slanted_pair()
+    noisy = views.right + np.random.default_rng(4).normal(0, 25, truth.shape)
+    right = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    left, start = np.asarray(views.left, np.uint8), truth + np.float32(0.2)
+
+    def error(radius: int, passes: int) -> float:
+        found = refine_by_intensity(left, right, start, None, radius, passes)
+        return float(np.median(np.abs(found - truth)[:, 12:-12]))
+
+    assert error(3, 3) < 0.9 * error(2, 1)
+    assert error(2, 1) < 0.2  # the start
+
+
+def test_the_mean_of_the_channels_sees_texture_that_the_luminance_drowns_in_noise() -> None:
+    views, truth = slanted_pair()
+    rng = np.random.default_rng(6)
+
+    def coloured(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        noisy = gray[..., None] + rng.normal(0, 40, (*gray.shape, 3))
+        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+    pair = Views(coloured(np.asarray(views.left)), coloured(np.asarray(views.right)))
+    off = {}
+    for gray in ("luminance", "mean"):
+        params = SemiGlobalMatchParams.model_validate({"gray": gray})
+        disparity = semi_global_match(Matching(pair, DisparityRange(0, 16)), params).disparity
+        assert disparity is not None
+        off[gray] = float(np.nanmedian(np.abs(disparity.disparity_px - truth)[:, 12:-12]))
+    assert off["mean"] < off["luminance"]
+
+
+def test_an_even_window_of_the_refinement_is_refused() -> None:
+    views, _ = slanted_pair()
+    with pytest.raises(OperatorError, match="refine_px 6 is even; use 7"):
+        semi_global_match(Matching(views, DisparityRange(0, 16)), SemiGlobalMatchParams(refine_px=6))
 
 
 def test_matching_locks_less_to_whole_pixels_with_it_than_without() -> None:
