@@ -6,7 +6,7 @@ import logging
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, cast
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from modules.matching.features import FINENESS, CensusName, CostName, compute_fe
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.primitives.threads import allowed_threads
-from modules.types import DisparityRange, FloatImage, Invalid, Matching, Views
+from modules.types import DisparityRange, FloatImage, Image, Invalid, Matching, Views
 
 LARGEST_COST = 36.0  # costs are cut off here: two unrelated windows seldom differ by more, bits of census
 LEVELS = 255  # path costs are bytes: the largest cost and the largest penalty together
@@ -171,9 +171,7 @@ def _mixed(views: Views, gray: Literal["luminance", "mean"]) -> Views:
     if gray == "luminance" or views.left.ndim == 2:
         return views
     third = np.full((1, 3), 1.0 / 3.0, np.float32)
-    left, right = (
-        np.asarray(cv2.transform(image, third)).reshape(image.shape[:2]) for image in (views.left, views.right)
-    )
+    left, right = (cast(Image, cv2.transform(image, third).reshape(views.shape)) for image in (views.left, views.right))
     return views.with_images(left, right)
 
 
