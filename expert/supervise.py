@@ -21,7 +21,7 @@ from expert.firing import Engine, Firings
 from expert.plan import NONE, Directives, StagePlan, StepFailed, adjustments, execute, proposals, settle
 from expert.recorder import fact_record, finding_rank, finding_records, firing_records
 from expert.rules.load import LoadedRules
-from expert.rules.model import STAGES, Measure, Repair, Rule, Stage
+from expert.rules.model import STAGES, Action, Exclude, Measure, Repair, Rule, Stage
 from modules.measurement.sample import Sample
 from modules.operator import Operator, OperatorError
 from modules.probe import FactModel, Probe, Subject
@@ -45,6 +45,17 @@ class Knowledge:
     def words(self) -> Vocabulary:
         """Every template that rules may speak of."""
         return vocabulary(self.probes.values())
+
+    @cached_property
+    def by_id(self) -> Mapping[str, Rule]:
+        """The rules in force."""
+        return {rule.id: rule for rule in self.rules.base.rules}
+
+    @cached_property
+    def leaves_out(self) -> bool:
+        """Whether some rule may leave a probe out."""
+        measuring = self.rules.base.of_stage("measurement")
+        return any(isinstance(action, Exclude) for rule in measuring for action in rule.then)
 
 
 Start = Callable[[Directives], Any]
@@ -120,24 +131,29 @@ class Run:
             self.facts.update({to_fact(model): probe.name for model in found})
 
     def measure_cheap(self) -> None:
-        """Run the probes that every pair gets."""
+        """Run the probes that every pair gets, but for those that a rule leaves out for what the caller stated."""
         self.progress("measuring")
+        left_out = self._left_out()
         for probe in self.knowledge.probes.values():
-            if probe.subject == "pair" and probe.tier == "cheap":
+            if probe.subject == "pair" and probe.tier == "cheap" and probe.name not in left_out:
                 self.measure(probe)
 
-    def _measure_product(self, subject: Subject | None, product: Any) -> dict[Fact, str | None]:
-        found: dict[Fact, str | None] = {}
-        for probe in self.knowledge.probes.values():
-            if probe.subject == subject:
-                models: Sequence[FactModel] = ()
-                with self.timed(probe.name):
-                    try:
-                        models = probe.function(product)
-                    except OperatorError as error:
-                        self.notes.append(f"{probe.name} could not measure: {error}")
-                found.update({to_fact(model): probe.name for model in models})
-        return found
+    def _left_out(self) -> set[str]:
+        if not self.knowledge.leaves_out:
+            return set()
+        with self.timed("inference"):
+            result = self.knowledge.engine.infer(self.knowledge.rules.base, "measurement", self.facts)
+        return {action.exclude for action in self._actions(result) if isinstance(action, Exclude)}
+
+    def measure_product(self, probe: Probe, product: Any) -> list[Fact]:
+        """Run one probe of a product and return its facts; one that cannot measure gives none and is noted."""
+        models: Sequence[FactModel] = ()
+        with self.timed(probe.name):
+            try:
+                models = probe.function(product)
+            except OperatorError as error:
+                self.notes.append(f"{probe.name} could not measure: {error}")
+        return [to_fact(model) for model in models]
 
     # Inference
 
@@ -158,20 +174,44 @@ class Run:
         for _ in range(MAX_MEASURING_ROUNDS):
             with self.timed("inference"):
                 result = self.knowledge.engine.infer(base, stage, [*self.known(stage), *(extra or ())])
-            asked = self._asked_probes(result) - self.measured
-            if not asked:
+            asked = [self.knowledge.probes[name] for name in sorted(self._asked(result) - self.measured)]
+            due = [probe for probe in asked if probe.subject == "pair"]
+            if not due:
                 break
-            for name in sorted(asked):
-                self.measure(self.knowledge.probes[name])
+            for probe in due:
+                self.measure(probe)
         return result
 
-    def _asked_probes(self, result: Firings) -> set[str]:
-        actions = [self._rules[firing.rule].then[item.index] for firing in result.firings for item in firing.actions]
-        return {action.measure for action in actions if isinstance(action, Measure)}
+    def assess(
+        self,
+        stage: Stage,
+        extra: Mapping[Fact, str | None],
+        subject: Subject | None,
+        product: Any,
+        planned: Firings,
+    ) -> tuple[dict[Fact, str | None], Firings]:
+        """Measure a product, cheaply and as rules ask, and infer what it means; return its facts and the firings.
 
-    @property
-    def _rules(self) -> dict[str, Rule]:
-        return {rule.id: rule for rule in self.knowledge.rules.base.rules}
+        `planned` is what was inferred before the product was there; where nothing is found it still holds.
+        """
+        waiting = [probe for probe in self.knowledge.probes.values() if probe.subject == subject]
+        found: dict[Fact, str | None] = {}
+        result = planned
+        while due := [probe for probe in waiting if probe.tier == "cheap" or probe.name in self._asked(result)]:
+            new = {fact: probe.name for probe in due for fact in self.measure_product(probe, product)}
+            waiting = [probe for probe in waiting if probe not in due]
+            found.update(new)
+            if new:
+                result = self.infer(stage, {**extra, **found})
+        return found, result
+
+    def _asked(self, result: Firings) -> set[str]:
+        """Return the probes that fired rules ask for."""
+        return {action.measure for action in self._actions(result) if isinstance(action, Measure)}
+
+    def _actions(self, result: Firings) -> list[Action]:
+        rules = self.knowledge.by_id
+        return [rules[firing.rule].then[item.index] for firing in result.firings for item in firing.actions]
 
     def decide_measurement(self) -> None:
         """Measure the pair and infer what it means."""
@@ -249,8 +289,7 @@ class Run:
                 failed |= {error.operator}
                 self.concluded[stage] = result
                 continue
-            found = self._measure_product(subject, product)
-            assessed = self.infer(stage, {**extra, **found})
+            found, assessed = self.assess(stage, extra, subject, product, result)
             before = {
                 name: (self.concluded[name], self.plans[name], self.product_facts.get(name, {}))
                 for name in earlier
@@ -289,8 +328,8 @@ class Run:
         return best.product
 
     def _extend(self, directives: Directives, assessed: Firings) -> Directives:
-        found = proposals(self._rules, assessed.firings, self.knowledge.operators, (Repair,))
-        steps = adjustments(self._rules, assessed.firings)
+        found = proposals(self.knowledge.by_id, assessed.firings, self.knowledge.operators, (Repair,))
+        steps = adjustments(self.knowledge.by_id, assessed.firings)
         asked = Directives(candidates={slot: tuple(items) for slot, items in found.items()}, adjustments=steps)
         return directives.joined(asked)
 
@@ -306,9 +345,9 @@ class Run:
         state = start(both)
         plan = self.plan(stage, both)
         product = self.execute(plan, state)
-        found = self._measure_product(subject, product)
-        self.concluded[stage] = self.infer(stage, {**_trial_facts(stage, 1, frozenset()), **found})
-        self.product_facts[stage] = found
+        extra = _trial_facts(stage, 1, frozenset())
+        planned = self.concluded[stage]
+        self.product_facts[stage], self.concluded[stage] = self.assess(stage, extra, subject, product, planned)
         return product
 
     # The record

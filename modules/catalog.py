@@ -14,6 +14,7 @@ from types import MappingProxyType
 import modules.correction
 import modules.matching
 import modules.measurement
+import modules.measurement.disparity_agreement as disparity_agreement
 import modules.measurement.disparity_quality as disparity_quality
 import modules.measurement.terrain_quality as terrain_quality
 import modules.reconstruction
@@ -40,6 +41,6 @@ def operators() -> Mapping[str, Operator]:
 @cache
 def probes() -> Mapping[str, Probe]:
     """Return the probes by name, those of installed plug-ins included."""
-    shipped = (*modules.measurement.PROBES, disparity_quality.PROBE, terrain_quality.PROBE)
+    of_products = (disparity_quality.PROBE, disparity_agreement.PROBE, terrain_quality.PROBE)
     plugged = tuple(entry.load() for entry in entry_points(group="terrex.probes"))
-    return MappingProxyType({probe.name: probe for probe in (*shipped, *plugged)})
+    return MappingProxyType({probe.name: probe for probe in (*modules.measurement.PROBES, *of_products, *plugged)})

@@ -69,7 +69,7 @@ class Probe:
         Pure function from the subject to fact models: a `Sample` for pairs, a `Matching` for disparities, a `Scene`
         for terrain.
     tier : {"cheap", "medium", "dear"}
-        Cheap probes of pairs always run; the others when a rule asks (`measure:`). Probes of products always run.
+        Cheap probes always run; the others when a rule asks (`measure:`).
     """
 
     name: str

@@ -101,6 +101,8 @@ def _written(rule: Rule, action: Action, operators: Mapping[str, Operator]) -> E
     if isinstance(action, Repair):
         return Edge(here, _place(action.repair, action.slot, rule.stage, operators), f"repair {action.repair}")
     if isinstance(action, Exclude):
+        if action.exclude not in operators:
+            return Edge(here, ("probe", action.exclude), "exclude")
         return Edge(here, _place(action.exclude, None, rule.stage, operators), f"exclude {action.exclude}")
     if isinstance(action, Set):
         label = f"set {action.parameter} of {action.set}"

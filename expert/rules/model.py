@@ -195,7 +195,7 @@ class Choose(Model):
 
 
 class Exclude(Model):
-    """Forbid an operator."""
+    """Forbid an operator, or leave a cheap probe of the pair out (stage measurement)."""
 
     exclude: str
 

@@ -126,6 +126,10 @@ def json_schema(vocabulary: Vocabulary, operators: Mapping[str, Operator], probe
         definitions["Measure"]["properties"]["measure"] = _named(
             (name, item.summary) for name, item in sorted(probes.items())
         )
+        cheap = {name: item for name, item in sorted(probes.items()) if (item.tier, item.subject) == ("cheap", "pair")}
+        known = definitions["Exclude"]["properties"]["exclude"].get("oneOf", [])
+        left_out = _named((name, item.summary) for name, item in cheap.items())["oneOf"]
+        definitions["Exclude"]["properties"]["exclude"] = {"oneOf": [*known, *left_out]}
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "terrex rule file"
     return schema

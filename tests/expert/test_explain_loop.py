@@ -32,7 +32,7 @@ def repaired(tmp_path_factory):
     """Return a system and the record of a pair that it matched twice."""
     path = tmp_path_factory.mktemp("layer") / "sparse.yaml"
     path.write_text(SPARSE)
-    system = ExpertSystem(rules=[path], profile="fast", engine="compiled")
+    system = ExpertSystem(rules=[path], profile="balanced", engine="compiled")
     return system, Decision.from_json(system.reconstruct(shifted_pair()).decision.to_json()), path
 
 
@@ -65,7 +65,7 @@ def test_the_replay_follows_a_repair_that_was_kept(repaired):
 def test_the_replay_follows_a_trial_of_the_matching_back_to_the_correction(tmp_path):
     path = tmp_path / "back.yaml"
     path.write_text(SPARSE.replace("matching.block_match", "correction.normalise_local_contrast"))
-    system = ExpertSystem(rules=[path], profile="fast", engine="compiled")
+    system = ExpertSystem(rules=[path], profile="balanced", engine="compiled")
     decision = keep_second(system.reconstruct(shifted_pair()).decision)
     outcome = Replan(decision, system._knowledge.rules, system._knowledge.engine).run(until="correction")
     assert outcome.plans["correction"].operator_of("local") == "correction.normalise_local_contrast"
@@ -92,7 +92,7 @@ def test_why_not_of_an_operator_that_was_tried_or_asked_for_gives_the_reason(rep
 def test_a_decision_that_was_read_back_answers_every_question(repaired):
     _, decision, _ = repaired
     answer = decision.what_if({"task.profile": "best"})
-    assert answer.text().startswith("If task.profile: fast -> best:")
+    assert answer.text().startswith("If task.profile: balanced -> best:")
     assert decision.what_would_it_take(decision.operator("matching.matcher")).already
 
 
@@ -123,7 +123,7 @@ def test_the_command_answers_all_questions_at_once_without_the_rule_files(ask, r
     assert code == 0, said
     assert "matching.matcher: " in said
     assert f"MAT951 never-good-enough ({rules}:3)" in said
-    assert "If task.profile: fast -> best" in said
+    assert "If task.profile: balanced -> best" in said
     assert "How near each measured value was" in said
 
 

@@ -49,9 +49,9 @@ def test_a_record_reads_back_as_it_was(decision: Decision) -> None:
 
 
 def test_facts_have_units_and_probes(decision: Decision) -> None:
-    brightness = next(record for record in decision.facts if record.template == "brightness")
-    assert brightness.units["mean_difference_dn"] == "dn"
-    assert brightness.probe == "measurement.brightness"
+    noise = next(record for record in decision.facts if record.template == "noise")
+    assert noise.units["left_sigma_dn"] == "dn"
+    assert noise.probe == "measurement.noise"
     task = next(record for record in decision.facts if record.template == "task")
     assert task.probe is None
 

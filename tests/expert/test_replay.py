@@ -29,7 +29,7 @@ def made() -> Result:
         shifted_pair(calibration=CALIBRATION, attitude=Attitude(pitch_rad=0.1)),
         right=(right // 2 + 20).astype(np.uint8),
     )
-    return ExpertSystem(profile="fast", engine="compiled").reconstruct(pair)
+    return ExpertSystem(profile="balanced", engine="compiled").reconstruct(pair)
 
 
 @pytest.fixture

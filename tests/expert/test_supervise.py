@@ -34,6 +34,13 @@ class Depth(FactModel):
     value: float = quantity("Value", ge=0, le=10)
 
 
+class Gloss(FactModel):
+    """What a dear probe of the product measures."""
+
+    template: ClassVar[str] = "gloss"
+    value: float = quantity("Value", ge=0, le=10)
+
+
 class Bright(FactModel):
     """What a cheap probe of the pair measures."""
 
@@ -82,6 +89,7 @@ class World:
             Probe("measurement.bright", (Bright,), lambda _: [Bright(value=100.0)], "cheap", "pair", "Cheap"),
             Probe("measurement.depth", (Depth,), depth, "dear", "pair", "Dear"),
             Probe("measurement.quality", (Quality,), quality, "cheap", "disparity", "Product"),
+            Probe("measurement.gloss", (Gloss,), lambda _: [Gloss(value=5.0)], "medium", "disparity", "Dear product"),
         ]
         return {probe.name: probe for probe in probes}
 
@@ -144,6 +152,39 @@ def test_a_cheap_probe_always_runs_and_a_dear_one_only_on_demand() -> None:
     assert asking.log == ["probe depth"]  # once, though its rule fires in every round
     assert [finding.name for finding in run.findings()] == ["seen"]
     assert run.facts[to_fact(Depth(value=5.0))] == "measurement.depth"
+
+
+def test_a_rule_leaves_a_cheap_probe_out_for_what_the_caller_stated() -> None:
+    forgo = {"stage": "measurement", "then": [{"exclude": "measurement.bright"}]}
+    run = World().run({**forgo, "when": [{"fact": "task", "field": "profile", "op": "eq", "value": "balanced"}]})
+    run.decide_measurement()
+    assert run.measured == set()
+    run = World().run({**forgo, "when": [{"fact": "task", "field": "profile", "op": "eq", "value": "fast"}]})
+    run.decide_measurement()
+    assert run.measured == {"measurement.bright"}
+
+
+def test_what_is_left_out_is_measured_if_a_rule_asks_for_it() -> None:
+    run = World().run(
+        {"stage": "measurement", "when": [ALWAYS], "then": [{"exclude": "measurement.bright"}]},
+        {"stage": "measurement", "when": [ALWAYS], "then": [{"measure": "measurement.bright"}]},
+    )
+    run.decide_measurement()
+    assert run.measured == {"measurement.bright"}
+
+
+def test_a_dear_probe_of_the_product_runs_when_a_rule_asks() -> None:
+    def look(asking: bool) -> tuple[set[str], list[str]]:
+        world = World(scores={"pair>plain1": 0.9})
+        seen = {"fact": "gloss", "field": "value", "op": "gt", "value": 1.0}
+        asked = [{"stage": "matching", "when": [ALWAYS], "then": [{"measure": "measurement.gloss"}]}] if asking else []
+        run = world.run(*asked, {"stage": "matching", "when": [seen], "then": [{"assess": "seen"}]})
+        matched(run)
+        facts = {fact.template for fact in run.product_facts["matching"]}
+        return facts, [finding.name for finding in run.findings()]
+
+    assert look(asking=False) == ({"quality"}, [])
+    assert look(asking=True) == ({"quality", "gloss"}, ["seen"])
 
 
 def test_a_later_stage_can_ask_for_a_measurement_too() -> None:

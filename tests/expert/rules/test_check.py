@@ -52,6 +52,16 @@ def test_unused_declarations_are_reported(check, good_text):
     assert sorted(codes(check(text))) == ["unused-finding", "unused-threshold"]
 
 
+def test_only_the_measurement_leaves_a_probe_out(check, good_text):
+    rule = RULE.format(
+        id="COR003", when="{fact: brightness, field: offset_dn, op: gt, value: 1}", then="{exclude: measurement.sides}"
+    )
+    (problem,) = [item for item in check(good_text + rule) if item.code == "wrong-stage"]
+    assert problem.message == (
+        "rule COR003, action 1: probe 'measurement.sides' runs before this stage and cannot be left out in it"
+    )
+
+
 def test_a_finding_that_no_rule_derives_is_reported(check, good_text):
     assert "underived-finding" in codes(
         check(good_text.replace("{derive: exposure-differs, severity: major}", "{measure: measurement.sides}"))

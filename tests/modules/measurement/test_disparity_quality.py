@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from modules.measurement.disparity_quality import PROBE, DisparityQuality
+from modules.primitives.agreement import gather_evidence
+from modules.primitives.confidence import predict_confidence
 from modules.types import Disparity, DisparityRange, Invalid, Matching, Views
 
 SHIFT = 6
@@ -28,31 +32,34 @@ def measure(
     columns = np.arange(values.shape[1]) - values
     values[(columns < 0) | (columns > values.shape[1] - 1)] = np.nan
     flags = np.where(np.isnan(values), int(Invalid.OUTSIDE), 0).astype(np.uint16)
-    state = Matching(views, DisparityRange(low, high), Disparity(values, flags))
-    (fact,) = PROBE.function(state)
+    disparity = Disparity(values, flags)
+    confidence = predict_confidence(gather_evidence(views.left, views.right, disparity))
+    (fact,) = PROBE.function(Matching(views, DisparityRange(low, high), replace(disparity, confidence=confidence)))
     assert isinstance(fact, DisparityQuality)
     return fact
 
 
-def test_the_true_disparity_has_no_residual_and_full_support() -> None:
+def test_shares_of_the_true_disparity_add_up() -> None:
     fact = measure(SHIFT)
-    assert fact.photometric_residual_dn == pytest.approx(0.0, abs=0.01)
-    assert fact.supported_fraction == pytest.approx(1.0, abs=0.01)
     assert fact.density_fraction == pytest.approx(1 - SHIFT / 120)
     assert fact.outside_fraction == pytest.approx(SHIFT / 120)
     assert not fact.sign_suspect
 
 
 def test_a_wrong_disparity_scores_lower_than_the_true_one() -> None:
-    assert measure(SHIFT + 3).score < 0.5 * measure(SHIFT).score
+    wrong, true = measure(SHIFT + 3).score, measure(SHIFT).score
+    assert wrong is not None
+    assert true is not None
+    assert wrong < 0.5 * true
 
 
-def test_gain_and_offset_hardly_change_the_residual() -> None:
+def test_without_confidence_there_is_no_score() -> None:
     views = pair()
-    darker = Views(views.left, np.rint(views.right * 0.6 + 10).astype(np.uint8))
-    residual = measure(SHIFT, darker).photometric_residual_dn
-    assert residual is not None
-    assert residual < 2.5
+    disparity = Disparity(np.full(views.shape, np.float32(SHIFT)), np.zeros(views.shape, np.uint16))
+    (fact,) = PROBE.function(Matching(views, DisparityRange(0, 16), disparity))
+    assert isinstance(fact, DisparityQuality)
+    assert (fact.score, fact.confidence_mean, fact.confidence_low_decile) == (None, None, None)
+    assert fact.density_fraction == 1.0
 
 
 def test_a_map_at_the_end_of_the_range_is_all_border() -> None:
@@ -87,5 +94,5 @@ def test_exchanged_images_make_the_sign_suspect() -> None:
 def test_an_empty_map_scores_zero_and_no_map_gives_no_fact() -> None:
     fact = measure(np.nan)
     assert fact.score == 0.0
-    assert fact.photometric_residual_dn is None
+    assert fact.confidence_mean == 0.0
     assert PROBE.function(Matching(pair())) == []

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from expert.rules.checks.check import Check
 from expert.rules.checks.context import Context, named_operators
+from expert.rules.model import Exclude
 from expert.rules.problem import Problem, suggest
 
 
@@ -13,7 +14,7 @@ def _find(context: Context) -> Iterator[Problem]:
     for scope in context.scopes:
         for action, path in scope.actions:
             for name, where, _ in named_operators(action, path):
-                if name not in context.operators:
+                if name not in context.operators and not (isinstance(action, Exclude) and name in context.probes):
                     hint = suggest(name, context.operators)
                     yield scope.problem(where, "unknown-operator", f"there is no operator '{name}'", hint)
     for slot, origin in context.merged.slots.values():

@@ -59,9 +59,8 @@ class _World:
         if probe is None:
             return ""
         stage = _PRODUCTS.get(probe.subject)
-        if stage is not None:
-            early = self.order.index(scope.rule.stage) < self.order.index(stage)
-            return f"'{condition.fact}' is measured of the product of {stage}, after this stage" if early else ""
+        if stage is not None and self.order.index(scope.rule.stage) < self.order.index(stage):
+            return f"'{condition.fact}' is measured of the product of {stage}, after this stage"
         if probe.tier == "cheap" or any(self.comes_before(other, scope) for other in self.asking.get(probe.name, [])):
             return ""
         return f"'{condition.fact}' is measured by {probe.name}, which no rule of this stage or an earlier one asks for"

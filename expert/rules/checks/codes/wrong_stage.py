@@ -17,6 +17,9 @@ def _find(context: Context) -> Iterator[Problem]:
         for action, path in scope.actions:
             for name, where, earlier in named_operators(action, path):
                 operator = context.operators.get(name)
+                if name in context.probes and stage != "measurement":
+                    message = f"probe '{name}' runs before this stage and cannot be left out in it"
+                    yield scope.problem(where, "wrong-stage", message, "move the rule to stage measurement")
                 if operator is None:
                     continue
                 mine, its = order.index(stage), order.index(operator.stage) if operator.stage in order else -1
