@@ -28,6 +28,15 @@ class _Inquiry:
         self.words: Vocabulary = vocabulary(probes().values())
         self.fired = set(decision.rules_fired)
         self._judges: dict[Stage, Judge] = {}
+        self._proposing: dict[str, list[tuple[Rule, Choose | Repair]]] = {}
+        self._finding: dict[str, list[Rule]] = {}
+        for rule in sorted(rules.base.rules, key=lambda rule: rule.id):
+            for action in rule.then:
+                if isinstance(action, Choose | Repair):
+                    self._proposing.setdefault(proposes(action) or "", []).append((rule, action))
+        for rule in rules.base.rules:
+            for name in {str(fact.get("name")) for fact in map(finding_of, rule.then) if fact is not None}:
+                self._finding.setdefault(name, []).append(rule)
 
     def judge(self, stage: Stage) -> Judge:
         if stage not in self._judges:
@@ -44,12 +53,11 @@ class _Inquiry:
         """Return why no rule derived the finding that a condition asks for."""
         if not isinstance(condition, FindingCondition):
             return ()
-        found = []
-        for rule in self.rules.base.rules:
-            names = {fact.get("name") for fact in map(finding_of, rule.then) if fact is not None}
-            if condition.finding in names and rule.id not in above:
-                found.append(self.verdict(rule, f"derive the finding {condition.finding}", above=above))
-        return tuple(found)
+        return tuple(
+            self.verdict(rule, f"derive the finding {condition.finding}", above=above)
+            for rule in self._finding.get(condition.finding, ())
+            if rule.id not in above
+        )
 
     def verdict(
         self, rule: Rule, would: str, would_win: bool | None = None, above: frozenset[str] = frozenset()
@@ -103,13 +111,12 @@ class _Inquiry:
 
     def would_choose(self, operator: str, step: Step | None) -> list[RuleVerdict]:
         """Return the verdict on every rule that ever proposes an operator, the nearest to firing first."""
-        found = []
-        for rule in sorted(self.rules.base.rules, key=lambda rule: rule.id):
-            for action in rule.then:
-                if isinstance(action, Choose | Repair) and proposes(action) == operator:
-                    wins = self.wins(action, rule, step) if step else None
-                    found.append(self.verdict(rule, action_text(action, self.rules.base.thresholds), wins))
-        return found
+        return [
+            self.verdict(
+                rule, action_text(action, self.rules.base.thresholds), self.wins(action, rule, step) if step else None
+            )
+            for rule, action in self._proposing.get(operator, ())
+        ]
 
 
 def _unit(condition: Condition | None, words: Vocabulary) -> str:
