@@ -11,6 +11,7 @@ from pydantic import Field
 
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.primitives.covariance import own_height_variance, shared_height_variance
+from modules.reconstruction.plain import load_kernels
 from modules.types import ElevationMap, FloatImage, PointCloud, Scene
 
 QUARTILES_TO_SIGMA = 0.7413  # standard deviation of a Gaussian over the distance of its quartiles
@@ -112,9 +113,9 @@ def _statistics(
     frame: _Frame, z: NDArray[np.float32], variance: NDArray[np.float32], params: GridElevationParams
 ) -> dict[str, FloatImage]:
     """Return the layers (H, W) that follow from the points of each cell alone; NaN where it has too few."""
-    from modules.reconstruction.kernels import sort_by_cell, sums_of_cells
+    kernels = load_kernels()
 
-    start, ordered = sort_by_cell(frame.cell, z, frame.cells)
+    start, ordered = kernels.sort_by_cell(frame.cell, z, frame.cells)
     first, number = start[:-1], np.diff(start)
     last = np.maximum(number - 1, 0)
 
@@ -124,7 +125,7 @@ def _statistics(
     median = 0.5 * (at(last // 2) + at((last + 1) // 2))
     spread = QUARTILES_TO_SIGMA * (at(3 * last // 4) - at(last // 4))
     limit = spread**2 if params.method == "mean" else np.full(frame.cells, np.inf, np.float32)
-    sums = sums_of_cells(frame.cell, z, variance, median, limit.astype(np.float32), params.outlier_sigma)
+    sums = kernels.sums_of_cells(frame.cell, z, variance, median, limit.astype(np.float32), params.outlier_sigma)
     count, weight = sums[:, 0], sums[:, 1]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = median + sums[:, 2] / weight
@@ -159,5 +160,4 @@ OPERATOR = Operator(
     cost=Cost(fixed_ms=3.0, ns_per_pixel=40.0),
     summary="Averages the points of every cell into an elevation grid with its uncertainty.",
     suits="2.5D terrain; choose cells no smaller than the point spacing at the range that matters.",
-    needs=("numba",),
 )

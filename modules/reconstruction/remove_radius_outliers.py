@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
+from modules.reconstruction.plain import load_kernels
 from modules.types import FloatImage, Mask, Scene
 
 
@@ -47,10 +48,10 @@ def remove_radius_outliers(scene: Scene, params: RemoveRadiusOutliersParams) -> 
     ----------
     R. Rusu and S. Cousins, "3D is here: Point Cloud Library (PCL)", IEEE ICRA 2011 (radius outlier removal).
     """
-    from modules.reconstruction.kernels import count_agreeing
+    kernels = load_kernels()
 
     disparity = disparity_of_points(scene)
-    count = count_agreeing(disparity, params.radius_px, params.gradient, params.tolerance_px)
+    count = kernels.count_agreeing(disparity, params.radius_px, params.gradient, params.tolerance_px)
     return drop_pixels(scene, count < params.min_neighbours, "isolated", "lower min_neighbours")
 
 
@@ -88,5 +89,4 @@ OPERATOR = Operator(
     cost=Cost(fixed_ms=1.0, ns_per_pixel=60.0),
     summary="Drops points that have too few neighbours on one surface with them.",
     suits="Lone wrong matches that a speckle filter left; harms thin structures.",
-    needs=("numba",),
 )

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from modules.operator import Cost, Operator, OperatorParams
 from modules.primitives.statistics import robust_sigma
+from modules.reconstruction.plain import load_kernels
 from modules.reconstruction.remove_radius_outliers import disparity_of_points, drop_pixels
 from modules.types import Scene
 
@@ -49,9 +50,9 @@ def remove_statistical_outliers(scene: Scene, params: RemoveStatisticalOutliersP
     ----------
     R. Rusu and S. Cousins, "3D is here: Point Cloud Library (PCL)", IEEE ICRA 2011 (statistical outlier removal).
     """
-    from modules.reconstruction.kernels import nearest_difference
+    kernels = load_kernels()
 
-    distance = nearest_difference(disparity_of_points(scene), params.radius_px, params.nearest)
+    distance = kernels.nearest_difference(disparity_of_points(scene), params.radius_px, params.nearest)
     known = distance[np.isfinite(distance)]
     if known.size == 0:
         limit = 0.0
@@ -70,5 +71,4 @@ OPERATOR = Operator(
     cost=Cost(fixed_ms=3.0, ns_per_pixel=120.0),
     summary="Drops points that stand off their nearest neighbours more than is usual for the pair.",
     suits="Scattered wrong matches; on a scene with many depth edges it also takes true points at them.",
-    needs=("numba",),
 )
