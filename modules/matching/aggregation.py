@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modules.matching.common import Bytes, do_all
 from modules.operator import OperatorError
 from modules.types import FloatImage
-
-Bytes = NDArray[np.uint8]
 
 COST_ROWS = 32  # rows whose cost is computed at a time
 FINAL_ROWS = 4  # rows that are decided at a time, while they are in the cache
@@ -270,14 +268,7 @@ def aggregate(problem: Problem, strips: int, pool: ThreadPoolExecutor | None) ->
     reached = columns if problem.right_columns is None else problem.right_columns
     out = Selection(*(np.empty((rows, width), np.float32) for width in (columns, columns, reached, reached)))
     down, up = (_Worker(problem, backward, strips, out) for backward in (False, True))
-    if pool is None:
-        for worker in (down, up):
-            worker.keep_own_half()
-        down.finish_half_of(up)
-        up.finish_half_of(down)
-        return out
-    for begun in [pool.submit(worker.keep_own_half) for worker in (down, up)]:
-        begun.result()
-    for begun in [pool.submit(down.finish_half_of, up), pool.submit(up.finish_half_of, down)]:
-        begun.result()
+    do_all(pool, _Worker.keep_own_half, (down, up))
+    other = {down: up, up: down}
+    do_all(pool, lambda worker: worker.finish_half_of(other[worker]), (down, up))
     return out

@@ -6,7 +6,7 @@ the tiles. What the half-size images do not show, such as a post one pixel wide 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from modules.matching.aggregation import Problem, Selection, aggregate
-from modules.matching.common import Bytes, at_match
+from modules.matching.common import Bytes, at_match, do_all
 from modules.types import DisparityRange, FloatImage
 
 TILE_PX = 256  # side of what a tile decides
@@ -108,10 +108,11 @@ def match_tiles(problem: Problem, tiles: list[Tile], strips: list[int], pool: Th
     disparity, ratio, right_px = (np.full(shape, np.nan, np.float32) for _ in range(3))
     out = Selection(disparity, ratio, right_px, np.full(shape, np.inf, np.float32))
 
-    def solve(tile: Tile, cuts: int) -> Selection:
+    def solve(case: tuple[Tile, int]) -> Selection:
+        tile, cuts = case
         return aggregate(part_of(problem, tile), cuts, None)
 
-    found: Iterable[Selection] = map(solve, tiles, strips) if pool is None else pool.map(solve, tiles, strips)
+    found = do_all(pool, solve, zip(tiles, strips, strict=True))
     for tile, part in zip(tiles, found, strict=True):
         _paste(tile, part, out)
     return out

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeVar
 
@@ -14,6 +15,8 @@ from modules.operator import OperatorError
 from modules.types import Disparity, DisparityRange, FloatImage, Invalid, Mask, Matching, Views, blanked, flagged
 
 Pixel = TypeVar("Pixel", bound=np.generic)
+Case = TypeVar("Case")
+Result = TypeVar("Result")
 Bytes = NDArray[np.uint8]
 ComputeFixedPoint = Callable[[Bytes, Bytes, int, int], NDArray[np.int16]]
 
@@ -238,6 +241,16 @@ def _flag_values(
     if last < columns:
         right = slice(last, columns)
         flags[:, right] |= flagged(disparity[:, right] < across[right] - np.float32(columns - 0.5), Invalid.OUTSIDE)
+
+
+def do_all(pool: ThreadPoolExecutor | None, work: Callable[[Case], Result], cases: Iterable[Case]) -> list[Result]:
+    """Return the work done on every case, by the threads of a pool or, without one, one after the other."""
+    return list(map(work, cases) if pool is None else pool.map(work, cases))
+
+
+def halves(rows: int) -> tuple[slice, slice]:
+    """Return the upper and the lower half of the rows, for two threads."""
+    return slice(0, rows // 2), slice(rows // 2, rows)
 
 
 def require_disparity(state: Matching, name: str) -> Disparity:

@@ -5,6 +5,7 @@ Every cost is the number of bits that differ plus the difference of the values, 
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.matching.common import Bytes
+from modules.matching.common import Bytes, do_all
 
 CostName = Literal["hybrid", "census", "ternary_census", "sobel", "absolute_difference"]
 CensusName = Literal["3x3", "5x5", "7x7", "9x7", "9x9_sparse"]
@@ -118,6 +119,7 @@ def compute_features(
     census: CensusName,
     smooth_px: float = 0.0,
     margin_dn: int = 0,
+    pool: ThreadPoolExecutor | None = None,
 ) -> Features:
     """Return what is compared.
 
@@ -131,8 +133,21 @@ def compute_features(
         Sigma of the smoothing before, px.
     margin_dn : int
         Of the ternary census: smaller differences count as none.
+    pool : ThreadPoolExecutor or None
+        Does both images at once.
     """
-    planes = [_planes(smooth_levels(image, smooth_px), cost, census, margin_dn) for image in (left, right)]
+    before = left.shape[1] - 1
+    length = before + -(-count // VECTOR) * VECTOR
+
+    def prepare(side: Literal["left", "right"]) -> Bytes:
+        levels = smooth_levels(left if side == "left" else right, smooth_px)
+        planes = _planes(levels, cost, census, margin_dn)
+        if side == "left":
+            return np.ascontiguousarray(np.moveaxis(planes, 0, -1))
+        return _continued(planes[:, :, ::-1], -low, length)
+
+    sides: tuple[Literal["left", "right"], ...] = ("left", "right")
+    one, other = do_all(pool, prepare, sides)
     bits = len(census_offsets(census)) * (2 if cost == "ternary_census" else 1)
     if cost == "sobel":
         shift, limit, unit = 0, 63, 4.0
@@ -142,16 +157,7 @@ def compute_features(
         shift, limit, unit = 1, 31, 2.0 * bits / 24.0
     else:
         shift, limit, unit = 0, 0, bits / 24.0
-    before = left.shape[1] - 1
-    length = before + -(-count // VECTOR) * VECTOR
-    return Features(
-        np.ascontiguousarray(np.moveaxis(planes[0], 0, -1)),
-        _continued(planes[1][:, :, ::-1], -low, length),
-        before,
-        shift,
-        limit,
-        unit,
-    )
+    return Features(one, other, before, shift, limit, unit)
 
 
 def _continued(planes: Bytes, first: int, length: int) -> Bytes:

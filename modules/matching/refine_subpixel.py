@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 
-from modules.matching.common import Bytes
-from modules.types import FloatImage
+from modules.matching.common import Bytes, do_all, halves
+from modules.types import DisparityRange, FloatImage
 
 DERIVATIVE = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]], np.float32) / np.float32(12.0)  # per px, exact for cubics
 
@@ -17,6 +17,7 @@ def refine_by_intensity(
     left: Bytes,
     right: Bytes,
     disparity: FloatImage,
+    search: DisparityRange,
     pool: ThreadPoolExecutor | None,
     radius: int = 2,
     passes: int = 1,
@@ -32,6 +33,8 @@ def refine_by_intensity(
     left, right : uint8 (H, W)
     disparity : float32 (H, W)
         Finite; wrong by a fraction of a pixel, px.
+    search : DisparityRange
+        What was searched; disparities at either end of it stay there.
     pool : ThreadPoolExecutor or None
         Does two parts at once; the result does not depend on that.
     radius : int
@@ -51,30 +54,42 @@ def refine_by_intensity(
     from modules.matching.kernels import refinement
 
     rows, columns = disparity.shape
-    halves = (0, rows // 2), (rows // 2, rows)
-    wanted, target = left.astype(np.float32), right.astype(np.float32)
-    slope = cv2.filter2D(target, cv2.CV_32F, DERIVATIVE, borderType=cv2.BORDER_REPLICATE)
-    smooth, warped, warped_slope, refined = (np.empty((rows, columns), np.float32) for _ in range(4))
+    wanted, target, slope, smooth, warped, warped_slope, refined = (
+        np.empty((rows, columns), np.float32) for _ in range(7)
+    )
     across = np.arange(columns, dtype=np.float32)
 
-    def work(start: int, stop: int) -> None:
-        part = slice(start, stop)
-        refinement.smooth_rows(current, radius, start, stop, smooth)
-        down = np.repeat(np.arange(start, stop, dtype=np.float32)[:, None], columns, axis=1)
+    def prepare(part: slice) -> None:
+        wanted[part], target[part] = left[part], right[part]
+        slope[part] = cv2.filter2D(target[part], cv2.CV_32F, DERIVATIVE, borderType=cv2.BORDER_REPLICATE)
+
+    def warp(part: slice) -> None:
+        refinement.smooth_rows(current, radius, part.start, part.stop, smooth)
+        down = np.repeat(np.arange(part.start, part.stop, dtype=np.float32)[:, None], columns, axis=1)
         at = across - smooth[part]
         warped[part] = cv2.remap(target, at, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         warped_slope[part] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
-    def fit(start: int, stop: int) -> None:
-        refinement.fit_rows(wanted, warped, warped_slope, smooth, radius, start, stop, refined)
+    def fit(part: slice) -> None:
+        refinement.fit_rows(wanted, warped, warped_slope, smooth, radius, part.start, part.stop, refined)
 
+    def hold(part: slice) -> None:
+        refined[part] = _held_at_ends(refined[part], disparity[part], search)
+
+    do_all(pool, prepare, halves(rows))
     current = disparity
     for _ in range(passes):
-        for step in (work, fit):
-            if pool is None:
-                step(0, rows)
-                continue
-            for half in [pool.submit(step, *bounds) for bounds in halves]:
-                half.result()
+        for step in (warp, fit):
+            do_all(pool, step, halves(rows))
         current = refined
+    do_all(pool, hold, halves(rows))
     return refined
+
+
+def _held_at_ends(refined: FloatImage, disparity: FloatImage, search: DisparityRange) -> FloatImage:
+    """Keep disparities at an end of the range within half a pixel: they say that the true one may lie beyond."""
+    low, high = np.float32(search.min_px), np.float32(search.max_px - 1)
+    half = np.float32(0.499)
+    floor = np.where(disparity == high, high - half, np.where(disparity == low, low, low + 1 - half))
+    ceiling = np.where(disparity == low, low + half, np.where(disparity == high, high, high - 1 + half))
+    return np.clip(refined, floor, ceiling).astype(np.float32)

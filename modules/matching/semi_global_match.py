@@ -19,7 +19,7 @@ from modules.matching.features import FINENESS, CensusName, CostName, compute_fe
 from modules.matching.refine_subpixel import refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.primitives.threads import allowed_threads
-from modules.types import DisparityRange, FloatImage, Image, Invalid, Matching, Views
+from modules.types import DisparityRange, Image, Invalid, Matching, Views
 
 LARGEST_COST = 36.0  # costs are cut off here: two unrelated windows seldom differ by more, bits of census
 LEVELS = 255  # path costs are bytes: the largest cost and the largest penalty together
@@ -73,13 +73,19 @@ class SemiGlobalMatchParams(OperatorParams):
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
 
 
-def state_problem(left: Bytes, right: Bytes, search: DisparityRange, params: SemiGlobalMatchParams) -> Problem:
+def state_problem(
+    left: Bytes,
+    right: Bytes,
+    search: DisparityRange,
+    params: SemiGlobalMatchParams,
+    pool: ThreadPoolExecutor | None = None,
+) -> Problem:
     """Return the problem of a gray pair (H, W) as the kernels want it.
 
     Path costs are bytes, so the penalties decide how finely a cost can be told: 2.4 levels per bit by default.
     """
     found = compute_features(
-        left, right, search.min_px, search.count, params.cost, params.census, params.smooth_px, params.margin_dn
+        left, right, search.min_px, search.count, params.cost, params.census, params.smooth_px, params.margin_dn, pool
     )
     gray = np.asarray((smooth_levels(left, params.smooth_px) + FINENESS // 2) // FINENESS, np.uint8)
     levels = min(LEVELS / (LARGEST_COST + params.p2), MOST_LEVELS_PER_BIT)
@@ -127,8 +133,10 @@ def match_gray(left: Bytes, right: Bytes, search: DisparityRange, params: SemiGl
         found = _match_levels(left, right, search, params, pool)
         if params.subpixel != "intensity":
             return found
-        refined = refine_by_intensity(left, right, found.disparity, pool, params.refine_px // 2, params.refine_passes)
-    return replace(found, disparity=_held_at_ends(refined, found.disparity, search))
+        refined = refine_by_intensity(
+            left, right, found.disparity, search, pool, params.refine_px // 2, params.refine_passes
+        )
+    return replace(found, disparity=refined)
 
 
 def _announce_compilation() -> None:
@@ -147,23 +155,14 @@ def _match_levels(
 
     def match(one: Bytes, other: Bytes, wanted: DisparityRange) -> Selection:
         strips = strips_per_half(one.shape, wanted.count, params.max_memory_mb, NAME)
-        return aggregate(state_problem(one, other, wanted, params), strips, pool)
+        return aggregate(state_problem(one, other, wanted, params, pool), strips, pool)
 
     if not params.coarse_to_fine:
         return match(left, right, search)
     tiles = plan_tiles(confirmed_coarse(left, right, search, match), left.shape, search)
     each_mb = params.max_memory_mb // params.threads  # a thread matches one tile at a time
     strips = [strips_per_half(tile.shape, tile.search.count, each_mb, NAME) for tile in tiles]
-    return match_tiles(state_problem(left, right, search, params), tiles, strips, pool)
-
-
-def _held_at_ends(refined: FloatImage, disparity: FloatImage, search: DisparityRange) -> FloatImage:
-    """Keep disparities at an end of the range within half a pixel: they say that the true one may lie beyond."""
-    low, high = np.float32(search.min_px), np.float32(search.max_px - 1)
-    half = np.float32(0.499)
-    floor = np.where(disparity == high, high - half, np.where(disparity == low, low, low + 1 - half))
-    ceiling = np.where(disparity == low, low + half, np.where(disparity == high, high, high - 1 + half))
-    return np.clip(refined, floor, ceiling).astype(np.float32)
+    return match_tiles(state_problem(left, right, search, params, pool), tiles, strips, pool)
 
 
 def _mixed(views: Views, gray: Literal["luminance", "mean"]) -> Views:

@@ -34,7 +34,7 @@ def slanted_pair(gain: float = 1.0, offset: float = 0.0) -> tuple[Views, NDArray
 
 def refined(views: Views, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
     with ThreadPoolExecutor(2) as pool:
-        return refine_by_intensity(views.left, views.right, disparity, pool)  # type: ignore[arg-type]
+        return refine_by_intensity(views.left, views.right, disparity, DisparityRange(-8, 64), pool)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("error", [-0.2, 0.1, 0.2])
@@ -79,7 +79,7 @@ def test_under_noise_a_wider_window_and_more_steps_come_nearer() -> None:
     left, start = np.asarray(views.left, np.uint8), truth + np.float32(0.2)
 
     def error(radius: int, passes: int) -> float:
-        found = refine_by_intensity(left, right, start, None, radius, passes)
+        found = refine_by_intensity(left, right, start, DisparityRange(0, 32), None, radius, passes)
         return float(np.median(np.abs(found - truth)[:, 12:-12]))
 
     assert error(3, 3) < 0.9 * error(2, 1)
