@@ -91,7 +91,8 @@ bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over develo
 	@$(BIN)/python -m benchmarks.accuracy $(ARGS)
 
 bench-matching: $(STAMP)  ## Measure the matchers: accuracy, time, memory, scaling, pixel locking (needs TERREX_DATA)
-	@$(BIN)/python -m benchmarks.matching --plot build/matching-scaling.png $(ARGS)
+	@$(BIN)/python -m benchmarks.matching $(ARGS)
+	@$(BIN)/python -m benchmarks.matching_scaling --plot build/matching-scaling.png
 
 bench-pandora: build/pandora/bin/pandora  ## Install CNES Pandora into an environment of its own, for bench-matching
 

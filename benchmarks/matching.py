@@ -1,8 +1,8 @@
 """Measure the matchers: accuracy, time, memory, scaling and pixel locking, beside OpenCV and CNES Pandora.
 
-    TERREX_DATA=... python -m benchmarks.matching [--every N] [--only SECTION ...] [--pandora PYTHON] [--plot FILE]
+    TERREX_DATA=... python -m benchmarks.matching [--every N] [--only SECTION ...] [--pandora PYTHON]
 
-Sections: accuracy (needs TERREX_DATA), cost, overhead, scaling, threads, locking, start. Pandora runs in an environment
+Sections: accuracy (needs TERREX_DATA), cost, overhead, locking, start. Pandora runs in an environment
 of its own, made by `make bench-pandora`; without it its rows are left out. Times are CPU seconds, memory is extra.
 """
 
@@ -271,55 +271,6 @@ def cost(python: Path) -> None:
         print("Pandora / own: " + ", ".join(f"{b[0] / a[0]:.1f}" for a, b in zip(own, table["Pandora"], strict=True)))
 
 
-def scaling(plot: Path | None) -> None:
-    """Print, and plot, the time over pixels and over disparities."""
-    print("\nown semi-global, CPU s by pixels and disparities (ns per pixel and disparity)")
-    counts, widths = (32, 64, 128, 256), (320, 640, 1280)
-    print(f"{'':12s}" + "".join(f"{count:>18d}" for count in counts))
-    rows = []
-    for width in widths:
-        views = made_pair(width, width * 3 // 4)
-        pixels = width * width * 3 // 4
-        row = [
-            cpu_seconds(lambda v=views, n=count: run(OWN, {}, v, DisparityRange(0, n)))
-            for count in counts
-            if count <= width
-        ]
-        rows.append(row)
-        cells = zip(row, counts, strict=False)
-        print(
-            f"{f'{width}x{width * 3 // 4}':12s}" + "".join(f"{s:9.3f} ({s * 1e9 / pixels / n:5.2f})" for s, n in cells)
-        )
-    if plot is None:
-        return
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6, 4))
-    for width, row in zip(widths, rows, strict=True):
-        axes.plot(counts[: len(row)], row, "o-", label=f"{width}x{width * 3 // 4}")
-    axes.set(xlabel="disparities", ylabel="CPU s", title="Time grows in proportion to pixels and disparities")
-    axes.legend()
-    figure.savefig(plot, dpi=120)
-    print(f"plotted in {plot}")
-
-
-def threads() -> None:
-    """Print the wall time with one thread and with two."""
-    views = made_pair(1280, 960)
-    spent = []
-    for number in (1, 2):
-        cv2.setNumThreads(number)
-        run(OWN, {"threads": number}, views, DisparityRange(0, 128))
-        start = time.perf_counter()
-        for _ in range(REPEATS):
-            run(OWN, {"threads": number}, views, DisparityRange(0, 128))
-        spent.append((time.perf_counter() - start) / REPEATS)
-    print(f"\n1280x960x128: {spent[0]:.3f} s with 1 thread, {spent[1]:.3f} s with 2: {spent[0] / spent[1]:.2f} times")
-
-
 def locking() -> None:
     """Print how disparities prefer whole pixels on rendered terrain."""
     made = render_terrain(TerrainParams(seed=3))
@@ -362,13 +313,12 @@ def start() -> None:
 
 
 def main() -> None:
-    sections = ("accuracy", "cost", "overhead", "scaling", "threads", "locking", "start")
+    sections = ("accuracy", "cost", "overhead", "locking", "start")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", default=os.environ.get("TERREX_DATA"), help="folder with an INDEX.json")
     parser.add_argument("--every", type=int, default=1, help="take every N-th pair only")
     parser.add_argument("--only", nargs="+", choices=sections, default=sections)
     parser.add_argument("--pandora", type=Path, default=PANDORA, help="python of Pandora's environment")
-    parser.add_argument("--plot", type=Path, help="file for the scaling plot")
     args = parser.parse_args()
     np.set_printoptions(precision=3, suppress=True, linewidth=140)
     cv2.setNumThreads(1)
@@ -380,10 +330,6 @@ def main() -> None:
         cost(args.pandora)
     if "overhead" in args.only:
         overhead()
-    if "scaling" in args.only:
-        scaling(args.plot)
-    if "threads" in args.only:
-        threads()
     if "locking" in args.only:
         locking()
     if "start" in args.only:
