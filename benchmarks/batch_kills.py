@@ -29,14 +29,13 @@ def kills(work: Path, count: int, wanted: int, seed: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
     _finish(source, calm)
     draw = random.Random(seed)
-    done = early = 0
+    done = 0
     while done < wanted:
         # As many results as are left are spread over the kills that are left, so that the last one finds work, too.
-        aim = logged(out) + draw.uniform(0.0, 2.0) * (count - 1 - logged(out)) / (wanted - done)
+        aim = logged(out) + draw.uniform(0.0, 1.2) * (count - 1 - logged(out)) / (wanted - done)
         if not _killed(source, out, aim, draw):
             break
         done += 1
-        early += not (out / NAME).exists()
     left = count - logged(out)
     _finish(source, out)
     problems = [*_problems(out, count), *_differences(out, calm)]
@@ -70,7 +69,7 @@ def _killed(source: Path, out: Path, aim: float, draw: random.Random) -> bool:
     )
     while logged(out) < int(aim) and run.poll() is None:
         time.sleep(POLL_S)
-    time.sleep(draw.uniform(0.0, 1.0))
+    time.sleep(draw.uniform(0.0, 0.5))
     if run.poll() is not None:
         return False
     if draw.random() < 0.5:

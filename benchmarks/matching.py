@@ -15,17 +15,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from benchmarks.accuracy import score
+from expert.evaluate.pandora import pandora_at
 from modules.catalog import operators
 from modules.formats.datasets import read_index
-from modules.matching.common import Bytes, to_bytes
+from modules.matching.common import Bytes
 from modules.simulation.distortions import REFERENCE_DISTORTIONS, distort_right
 from modules.simulation.terrain import TerrainParams, render_terrain
 from modules.types import DisparityRange, FloatImage, Matching, Views
@@ -57,54 +57,6 @@ def run(name: str, values: dict, views: Views, search: DisparityRange, check: bo
     return state.disparity.disparity_px
 
 
-class Pandora:
-    """Pandora's process; started once."""
-
-    def __init__(self, python: Path) -> None:
-        worker = Path(__file__).with_name("pandora_worker.py")
-        self.process = subprocess.Popen(
-            [str(python), str(worker)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-
-    def __call__(self, views: Views, search: DisparityRange) -> tuple[FloatImage, dict]:
-        """Return disparity and what it cost."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        with tempfile.TemporaryDirectory() as folder:
-            paths = [f"{folder}/{side}.png" for side in ("left", "right")]
-            for path, image in zip(paths, to_bytes(views, colour=False), strict=True):
-                cv2.imwrite(path, image)
-            out = f"{folder}/disparity.npy"
-            request = {"left": paths[0], "right": paths[1], "range_px": [search.min_px, search.max_px], "out": out}
-            self.process.stdin.write(json.dumps(request) + "\n")
-            self.process.stdin.flush()
-            answer = json.loads(self.process.stdout.readline())
-            return np.load(out), answer
-
-    def close(self) -> None:
-        """End the process."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        self.process.wait()
-
-
-@contextmanager
-def pandora_at(python: Path) -> Iterator[Pandora | None]:
-    """Give Pandora, or nothing where it is not installed."""
-    if not python.exists():
-        yield None
-        return
-    pandora = Pandora(python)
-    try:
-        yield pandora
-    finally:
-        pandora.close()
-
-
 def accuracy(data: Path, every: int, python: Path) -> None:
     """Print mean bad-1 per distortion, of the matcher alone and with checks, and the ratios that are bars."""
     kinds = [kind for kind in REFERENCE_DISTORTIONS if kind != "misrectified"]
@@ -125,7 +77,9 @@ def accuracy(data: Path, every: int, python: Path) -> None:
                         if kind == "clean" and not pair.differs:
                             same.setdefault(f"{name}{', checked' if check else ''}", []).append(bad)
             if pandora is not None and not pair.differs:
-                same.setdefault("Pandora, cross-checked", []).append(score(pandora(pair.views, search)[0], pair)[0])
+                same.setdefault("Pandora, cross-checked", []).append(
+                    score(pandora.match(pair.views, search)[0], pair)[0]
+                )
     print("\nmean bad-1 in %, missing counted as wrong, range given, not occluded")
     print(f"  {'':34s}" + "".join(f"{kind:>9s}" for kind in kinds) + f"{'mean':>9s}")
     means = {}
@@ -261,8 +215,8 @@ def cost(python: Path) -> None:
     ]
     with pandora_at(python) as pandora:
         if pandora is not None:
-            spent = [pandora(views[size], DisparityRange(0, size[2]))[1] for size in SIZES]
-            table["Pandora"] = [(one["cpu_s"], one["extra_mb"]) for one in spent]
+            spent = [pandora.match(views[size], DisparityRange(0, size[2]))[1] for size in SIZES]
+            table["Pandora"] = [(one.cpu_s, one.extra_mb) for one in spent]
     for name, row in table.items():
         print(f"{name:24s}" + "".join(f"{seconds:12.3f} {memory:7.0f}" for seconds, memory in row))
     own, three = table["own semi-global"], table["SGBM 3-way, direct"]

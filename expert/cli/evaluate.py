@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -13,7 +14,7 @@ import typer
 from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
-    from expert.evaluate import Case, ExpertConfiguration, FixedSystem, Store, Table
+    from expert.evaluate import Case, ExpertConfiguration, FixedSystem, Row, Store
     from expert.evaluate.ablation import RuleEffect
     from expert.evaluate.systems import System
 
@@ -23,13 +24,15 @@ Data = Annotated[
 ]
 Range = Literal["given", "estimated", "both"]
 Profile = Literal["fast", "balanced", "best"]
+RESULTS = "results.sqlite"
 PROFILES: tuple[Profile, ...] = get_args(Profile)
 
 
 def evaluate(
     data: Data = None,
     split: Annotated[str | None, typer.Option(help="Only this split of an INDEX.json")] = None,
-    rendered: Annotated[int, typer.Option(help="Number of rendered terrains to add, seeds 0 onward")] = 0,
+    rendered: Annotated[int, typer.Option(help="Number of rendered terrains to add")] = 0,
+    first_seed: Annotated[int, typer.Option(help="Seed of the first rendered terrain; the others follow it")] = 0,
     every: Annotated[int, typer.Option(help="Take every N-th pair only")] = 1,
     variants: Annotated[
         str, typer.Option(help="Distortions, comma separated, with strengths: clean,noise:0.5; reference means all ten")
@@ -45,11 +48,16 @@ def evaluate(
     only: Annotated[
         list[str] | None, typer.Option(help="Fixed configurations to run; all if not given, none for none")
     ] = None,
+    pandora: Annotated[
+        Path | None,
+        typer.Option(metavar="PYTHON", help="Python of an environment with CNES Pandora and libsgm, for a peer"),
+    ] = None,
     ablation: Annotated[
         list[str] | None, typer.Option(help="Rule to leave out where it fired; `all` for every rule")
     ] = None,
     compare: Annotated[
-        tuple[Path, Path] | None, typer.Option(metavar="A B", help="Two rule files, compared pair by pair")
+        tuple[Path, Path] | None,
+        typer.Option(metavar="A B", help="Two rule files, or two folders of evaluations, compared pair by pair"),
     ] = None,
     jobs: Annotated[int, typer.Option(help="Worker processes")] = 1,
     out: Annotated[Path, typer.Option(help="Folder of the results; a second run goes on where the first ended")] = Path(
@@ -57,25 +65,31 @@ def evaluate(
     ),
 ) -> None:
     """Measure terrex and a grid of fixed configurations on pairs with truth."""
-    from expert.evaluate import Store, Table, fixed_grid
+    from expert.evaluate import PandoraSystem, Store, Table, fixed_grid
     from expert.evaluate.page import as_html
     from expert.evaluate.summary import as_text, summarise
     from modules.formats._text import write_text
 
-    cases = _cases(data or [], split, rendered, every, variants, seeds)
-    store = Store(out / "results.sqlite")
+    if pandora is not None and not pandora.is_file():
+        raise UsageError(f"--pandora {pandora} is not there; give the Python of an environment with Pandora")
     layers = tuple(str(path) for path in rules or [])
-    if compare is not None:
-        typer.echo(_compared(compare, layers, cases, store, jobs), nl=False)
-        return
     own = _own(profile or PROFILES, range_, layers)
-    picked = _candidates(candidate or [], layers)
-    systems: list[System] = [*own, *picked, *_chosen(fixed_grid(), only)]
+    base = next((item for item in own if item.profile == "balanced"), own[0])
+    if compare is not None and all(path.is_dir() for path in compare):
+        typer.echo(_compared_runs(compare, base.name), nl=False)
+        return
+    cases = _cases(data or [], split, range(first_seed, first_seed + rendered), every, variants, seeds)
+    store = Store(out / RESULTS)
+    if compare is not None:
+        typer.echo(_compared_rules(compare, base, cases, store, jobs), nl=False)
+        return
+    picked = _candidates(candidate or [], base)
+    peers = [] if pandora is None else [PandoraSystem(pandora)]
+    systems: list[System] = [*own, *picked, *_chosen(fixed_grid(), only), *peers]
     _run(cases, systems, store, jobs)
     table = Table.of(store.rows({system.name: system.digest() for system in systems}), [s.name for s in systems])
-    names = [own[0].name, *(item.name for item in picked)] if picked else []
-    summary = summarise(table, names)
-    effects = _ablated(ablation or [], own, cases, store, jobs)
+    summary = summarise(table, [base.name, *(item.name for item in picked)] if picked else [])
+    effects = _ablated(ablation or [], base, cases, store, jobs)
     write_text(out / "evaluation.html", as_html(summary, effects))
     typer.echo(as_text(summary), nl=False)
     if effects:
@@ -86,7 +100,7 @@ def evaluate(
 
 
 def _cases(
-    data: Sequence[Path], split: str | None, rendered: int, every: int, variants: str, seeds: int
+    data: Sequence[Path], split: str | None, rendered: range, every: int, variants: str, seeds: int
 ) -> tuple[Case, ...]:
     from expert.evaluate import RenderedTerrain, expand, parse_variants
     from modules.formats.datasets import list_pairs
@@ -103,7 +117,7 @@ def _cases(
         distortions = parse_variants(part.strip() for part in variants.split(",") if part.strip())
     except ValueError as error:
         raise UsageError(str(error)) from error
-    return expand([*sources[::every], *map(RenderedTerrain, range(rendered))], distortions, range(seeds))
+    return expand([*sources[::every], *map(RenderedTerrain, rendered)], distortions, range(seeds))
 
 
 def _own(profiles: Sequence[str], range_: Range, layers: tuple[str, ...]) -> list[ExpertConfiguration]:
@@ -121,10 +135,8 @@ def _own(profiles: Sequence[str], range_: Range, layers: tuple[str, ...]) -> lis
     return found
 
 
-def _candidates(files: Sequence[Path], layers: tuple[str, ...]) -> list[ExpertConfiguration]:
-    from expert.evaluate import ExpertConfiguration
-
-    return [ExpertConfiguration(f"terrex with {path.stem}", "balanced", (*layers, str(path))) for path in files]
+def _candidates(files: Sequence[Path], base: ExpertConfiguration) -> list[ExpertConfiguration]:
+    return [replace(base, name=f"{base.name} with {path.stem}", rules=(*base.rules, str(path))) for path in files]
 
 
 def _chosen(grid: Mapping[str, FixedSystem], only: Sequence[str] | None) -> list[FixedSystem]:
@@ -150,32 +162,54 @@ def _run(cases: Sequence[Case], systems: Sequence[System], store: Store, jobs: i
     typer.echo(f"{report.run} results new, {report.kept} kept from before", err=True)
 
 
-def _compared(files: tuple[Path, Path], layers: tuple[str, ...], cases: Sequence[Case], store: Store, jobs: int) -> str:
+def _compared_runs(folders: tuple[Path, Path], system: str) -> str:
+    """Compare what two evaluations, by two versions perhaps, found for the same system."""
+    from expert.evaluate import Store
+
+    found: list[Row] = []
+    for folder in folders:
+        if not (folder / RESULTS).is_file():
+            raise UsageError(f"{folder} holds no {RESULTS}; give the --out of an evaluation")
+        rows = Store(folder / RESULTS).last(system)
+        if not rows:
+            raise UsageError(f"{folder} holds no result of {system!r}; say --profile and --range as it was run")
+        found += [replace(row, system=str(folder)) for row in rows]
+    return _difference(found, *map(str, folders))
+
+
+def _compared_rules(
+    files: tuple[Path, Path], base: ExpertConfiguration, cases: Sequence[Case], store: Store, jobs: int
+) -> str:
+    """Compare two rule files on the cases."""
+    systems = _candidates(files, base)
+    _run(cases, systems, store, jobs)
+    return _difference(store.rows({system.name: system.digest() for system in systems}), *(s.name for s in systems))
+
+
+def _difference(rows: Sequence[Row], a: str, b: str) -> str:
     from expert.evaluate import Table
     from expert.evaluate.compare import compare
 
-    systems = _candidates(files, layers)
-    _run(cases, systems, store, jobs)
-    a, b = (system.name for system in systems)
-    table: Table = Table.of(store.rows({s.name: s.digest() for s in systems}), [a, b])
-    return compare(table, a, b).text()
+    try:
+        return compare(Table.of(rows, [a, b]), a, b).text()
+    except ValueError as error:
+        raise UsageError(str(error)) from error
 
 
 def _ablated(
-    wanted: Sequence[str], own: Sequence[ExpertConfiguration], cases: Sequence[Case], store: Store, jobs: int
+    wanted: Sequence[str], system: ExpertConfiguration, cases: Sequence[Case], store: Store, jobs: int
 ) -> tuple[RuleEffect, ...]:
     from expert.evaluate.ablation import ablate
     from expert.rules.problem import suggest
 
     if not wanted:
         return ()
-    system = next((item for item in own if item.profile == "balanced"), own[0])
     known = system.system.rule_ids
     for rule in wanted:
         if rule not in known and rule != "all":
             raise UsageError(f"there is no rule {rule!r}; {suggest(rule, known)}".rstrip("; "))
-    rules = known if "all" in wanted else tuple(wanted)
-    return ablate(system, rules, cases, store, jobs=jobs, progress=lambda rule: typer.echo(f"without {rule}", err=True))
+    with _bar() as progress:
+        return ablate(system, known if "all" in wanted else tuple(wanted), cases, store, jobs=jobs, progress=progress)
 
 
 @contextmanager

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from expert.evaluate.cases import Case
-from expert.evaluate.run import evaluate
+from expert.evaluate.run import Progress, evaluate_each
 from expert.evaluate.store import Row, Store
 from expert.evaluate.systems import ExpertConfiguration
 from expert.evaluate.table import BOOTSTRAP_ROUNDS, INTERVAL, resample
+from expert.rules.problem import RuleFileError
 
 
 @dataclass(frozen=True)
@@ -50,40 +51,51 @@ def ablate(
     store: Store,
     *,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda rule: None,
+    progress: Progress = lambda done, total: None,
 ) -> tuple[RuleEffect, ...]:
-    """Leave each rule out, one at a time, on the cases where it fired.
+    """Leave each rule out, one at a time, on the cases where it fired; elsewhere it cannot matter.
 
     Parameters
     ----------
     system : ExpertConfiguration
         Already evaluated on the cases.
     rules : sequence of str
-    cases, store, jobs
+    cases, store, jobs, progress
         As for `evaluate`; what was run before is not run again.
-    progress : callable
-        Called with the rule that begins.
     """
     by_key = {case.key: case for case in cases}
     whole = {row.case: row for row in store.rows({system.name: system.digest()}) if row.case in by_key}
+    tried = {
+        rule: replace(system, name=f"{system.name} without {rule}", disabled=(*system.disabled, rule)) for rule in rules
+    }
+    fired = {
+        rule: [case for key, case in by_key.items() if key in whole and rule in whole[key].rules] for rule in rules
+    }
+    notes: dict[str, str] = {rule: "never fired" for rule in rules if not fired[rule]}
+    wanted = []
+    for rule in (rule for rule in rules if fired[rule]):
+        try:
+            tried[rule].digest()
+        except RuleFileError as error:  # other rules hang on it
+            notes[rule] = "; ".join(problem.message for problem in error.problems[:1])
+        else:
+            wanted.append((tried[rule], fired[rule]))
+    evaluate_each(wanted, store, jobs=jobs, progress=progress)
+    found: dict[str, dict[str, Row]] = {}
+    for row in store.rows({one.name: one.digest() for one, _ in wanted}):
+        found.setdefault(row.system, {})[row.case] = row
     effects = []
     for rule in rules:
-        progress(rule)
-        fired = [case for key, case in by_key.items() if key in whole and rule in whole[key].rules]
-        if not fired:
-            effects.append(RuleEffect(rule, 0, note="never fired"))
-            continue
-        without = replace(system, name=f"{system.name} without {rule}", disabled=(*system.disabled, rule))
-        report = evaluate(fired, [without], store, jobs=jobs)
-        rest = {row.case: row for row in store.rows({without.name: without.digest()})}
-        both = [(whole[case.key], rest[case.key]) for case in fired if case.key in rest]
-        effects.append(_effect(rule, both, "; ".join(report.problems[:1])))
+        rest = found.get(tried[rule].name, {})
+        both = [(whole[case.key], rest[case.key]) for case in fired[rule] if case.key in rest]
+        if both:
+            effects.append(_effect(rule, both))
+        else:
+            effects.append(RuleEffect(rule, len(fired[rule]), note=notes.get(rule, "no case could be run without it")))
     return tuple(effects)
 
 
-def _effect(rule: str, both: Sequence[tuple[Row, Row]], note: str) -> RuleEffect:
-    if not both:
-        return RuleEffect(rule, 0, note=note or "could not be left out")
+def _effect(rule: str, both: Sequence[tuple[Row, Row]]) -> RuleEffect:
     gain = np.array([without.bad_1 - own.bad_1 for own, without in both])
     scenes = np.array([own.scene for own, _ in both])
     draws = [float(gain[index].mean()) for index in resample(scenes, BOOTSTRAP_ROUNDS, 0)]
@@ -96,7 +108,6 @@ def _effect(rule: str, both: Sequence[tuple[Row, Row]], note: str) -> RuleEffect
         float(np.mean([own.density - without.density for own, without in both])),
         float(np.mean([(own.wrong or 0.0) - (without.wrong or 0.0) for own, without in both])),
         float(np.mean([own.cpu_s - without.cpu_s for own, without in both])),
-        note,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from importlib import resources
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from expert.evaluate.systems import Outcome
+from expert.evaluate.systems import Outcome, digest_of
 from expert.facts import Scalar
 from modules.catalog import operators
 from modules.correction.align_rows import AlignRowsParams, align_rows
@@ -61,8 +60,12 @@ class FixedSystem:
 
     def digest(self) -> str:
         """Identify what would be run."""
-        text = repr((self.align, [(step.operator, sorted(step.with_.items())) for step in self.steps]))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        steps = [(step.operator, sorted(step.with_.items())) for step in self.steps]
+        return digest_of(self.align, steps)
+
+    def __hash__(self) -> int:
+        """Hash what would be run."""
+        return hash(self.digest())
 
     def run(self, views: Views, ndisp: int) -> Outcome:
         """Run the steps; an operator that fails leaves no disparity."""

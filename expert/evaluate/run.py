@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -41,19 +42,33 @@ class RunReport:
     problems: tuple[str, ...]
 
 
+Progress = Callable[[int, int], None]
+
+
 def evaluate(
     cases: Sequence[Case],
     systems: Sequence[System],
     store: Store,
     *,
     jobs: int = 1,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
 ) -> RunReport:
-    """Run every system on every case that the store does not have yet.
+    """Run every system on every case that the store does not have yet; see `evaluate_each`."""
+    return evaluate_each([(system, cases) for system in systems], store, jobs=jobs, progress=progress)
+
+
+def evaluate_each(
+    wanted: Sequence[tuple[System, Sequence[Case]]],
+    store: Store,
+    *,
+    jobs: int = 1,
+    progress: Progress = lambda done, total: None,
+) -> RunReport:
+    """Run systems on cases of their own, as far as the store does not have the results yet.
 
     Parameters
     ----------
-    cases, systems : sequences
+    wanted : sequence of (System, sequence of Case)
     store : Store
         Results are committed case by case; an interrupted evaluation goes on where it was.
     jobs : int
@@ -66,15 +81,15 @@ def evaluate(
     RunReport
         `problems` names the cases that could not be run at all; the others are unaffected.
     """
-    digests = {system.name: system.digest() for system in systems}
-    fresh = [replace(system) for system in systems]  # type: ignore[type-var]  # without what `digest` has built
     done = store.done()
-    work: dict[str, list[tuple[Case, tuple[tuple[System, str], ...]]]] = {}
-    for case in cases:
-        todo = tuple((s, digests[s.name]) for s in fresh if (case.key, s.name, digests[s.name]) not in done)
-        if todo:
-            work.setdefault(case.source.name, []).append((case, todo))
-    parts = [Work(tuple(items), store.path) for items in work.values()]
+    work: dict[str, dict[Case, list[tuple[System, str]]]] = {}
+    for system, cases in wanted:
+        digest = system.digest()
+        fresh: System = replace(system)  # type: ignore[type-var]  # without what `digest` has built
+        for case in cases:
+            if (case.key, system.name, digest) not in done:
+                work.setdefault(case.source.name, {}).setdefault(case, []).append((fresh, digest))
+    parts = [Work(tuple((case, tuple(todo)) for case, todo in items.items()), store.path) for items in work.values()]
     planned = sum(len(todo) for part in parts for _, todo in part.items)
     total = sum(len(part.items) for part in parts)
     problems: list[str] = []
@@ -83,7 +98,7 @@ def evaluate(
         problems += found
         finished += len(part.items)
         progress(finished, total)
-    return RunReport(planned, len(cases) * len(systems) - planned, tuple(problems))
+    return RunReport(planned, sum(len(cases) for _, cases in wanted) - planned, tuple(problems))
 
 
 def _each(parts: Sequence[Work], jobs: int) -> Iterator[tuple[Work, list[str]]]:
@@ -104,13 +119,12 @@ def run_part(part: Work) -> list[str]:
     """
     store = Store(part.store)
     problems: list[str] = []
-    warm({system.name: system for _, todo in part.items for system, _ in todo}.values())
     pair: DatasetPair | None = None
     for case, todo in part.items:
         try:
             pair = pair or case.source.load()
             views = case.distort(pair.views)
-            rows = [measure(case, pair, views, system, digest) for system, digest in todo]
+            rows = [measure(case, pair, views, warm(system), digest) for system, digest in todo]
         except (OSError, ValueError) as error:
             problems.append(f"{case.key}: {error}")
         else:
@@ -118,14 +132,14 @@ def run_part(part: Work) -> list[str]:
     return problems
 
 
-def warm(systems: Iterable[System]) -> None:
-    """Run each system once on a small pair, so that compiling and loading are not measured."""
+@lru_cache(maxsize=256)
+def warm(system: System) -> System:
+    """Return the system as this process keeps it, after a small pair, so that building and loading are not measured."""
     draw = np.random.default_rng(0)
     coarse = draw.integers(0, 255, (48, 64, 3), np.uint8)
     image = np.asarray(cv2.resize(coarse, (192, 144), interpolation=cv2.INTER_CUBIC), np.uint8)
-    views = Views(image, np.roll(image, -4, axis=1))
-    for system in systems:
-        system.run(views, WARM_NDISP)
+    system.run(Views(image, np.roll(image, -4, axis=1)), WARM_NDISP)
+    return system
 
 
 def measure(case: Case, pair: DatasetPair, views: Views, system: System, digest: str) -> Row:
@@ -143,6 +157,7 @@ def measure(case: Case, pair: DatasetPair, views: Views, system: System, digest:
     outcome = system.run(views, pair.ndisp)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     peak = _memory_mb("VmHWM") if before is not None else None
+    taken = None if peak is None or before is None else peak - before
     row = Row(
         case=case.key,
         pair=pair.name,
@@ -153,9 +168,9 @@ def measure(case: Case, pair: DatasetPair, views: Views, system: System, digest:
         kind=system.kind,
         digest=digest,
         **asdict(score(outcome.disparity_px, pair.truth_px, pair.scored)),
-        cpu_s=cpu,
+        cpu_s=cpu if outcome.cpu_s is None else outcome.cpu_s,
         wall_s=wall,
-        peak_mb=None if peak is None or before is None else peak - before,
+        peak_mb=taken if outcome.peak_mb is None else outcome.peak_mb,
         failure=outcome.failure,
     )
     return row if outcome.decision is None else _explained(row, outcome.decision)

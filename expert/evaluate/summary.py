@@ -119,7 +119,7 @@ def summarise(table: Table, candidates: Sequence[str] = ()) -> Summary:
         {name: {v: part.mean("bad_1", name) for v, part in by_variant.items()} for name in table.systems},
         tuple(_gaps(table, own)),
         tuple(_choices(table, candidates)),
-        tuple(regrets(table, own)),
+        tuple(regrets(table, [name for name in own if table.kinds[name] == "terrex"])),
     )
 
 

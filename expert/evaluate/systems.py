@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +14,7 @@ from typing import Literal, Protocol
 from expert.api import ExpertSystem, Profile
 from expert.decision import Decision
 from expert.pair import StereoPair
+from expert.versions import versions
 from modules.types import FloatImage, Matching, Views
 
 
@@ -28,11 +29,15 @@ class Outcome:
     failure : str or None
     decision : Decision or None
         Of an expert system.
+    cpu_s, peak_mb : float or None
+        What it took in a process of its own; None where it worked in this one.
     """
 
     matching: Matching | None
     failure: str | None = None
     decision: Decision | None = None
+    cpu_s: float | None = None
+    peak_mb: float | None = None
 
     @property
     def disparity_px(self) -> FloatImage | None:
@@ -42,7 +47,7 @@ class Outcome:
         )
 
 
-class System(Protocol):
+class System(Hashable, Protocol):
     """A way from a pair to a disparity."""
 
     @property
@@ -58,6 +63,12 @@ class System(Protocol):
 
     def run(self, views: Views, ndisp: int) -> Outcome:
         """Process a pair with disparities from 0 to below `ndisp`."""
+
+
+def digest_of(*parts: object) -> str:
+    """Return a digest of what would be run, in these versions of terrex and of what its results depend on."""
+    used = {name: version for name, version in versions().items() if name != "python"}
+    return hashlib.sha256(repr((parts, used)).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -102,8 +113,7 @@ class ExpertConfiguration:
 
     def digest(self) -> str:
         """Identify rules, profile and mode."""
-        text = repr((self.system.rules_digest, self.profile, self.range))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return digest_of(self.system.rules_digest, self.profile, self.range)
 
     def run(self, views: Views, ndisp: int) -> Outcome:
         """Reconstruct the pair; a pair that the system refuses leaves no disparity."""

@@ -110,3 +110,15 @@ def test_text_and_page_name_every_system_and_markup_in_names_stays_text() -> Non
 def test_an_empty_table_is_refused() -> None:
     with pytest.raises(ValueError, match="no case has been run on all the systems"):
         summarise(Table.of([], ["a"]))
+
+
+def test_the_test_by_pairs_counts_pairs_and_the_test_by_scenes_counts_scenes() -> None:
+    rows = [
+        row(f"pair{i}|clean", system, loss + i * (system == "b"), scene=f"scene{i // 3}")
+        for system, loss in (("a", 5.0), ("b", 5.5))
+        for i in range(6)
+    ]
+    found = compare(Table.of(rows, ["a", "b"]), "a", "b")
+    assert found.p_pairs == pytest.approx(2 / 2**6)  # all six differ in one direction
+    assert found.p_value == pytest.approx(2 / 2**2)  # of two scenes
+    assert "p = 0.0312 by pairs, 0.5 by scenes (Wilcoxon)" in found.text()

@@ -5,12 +5,16 @@ Reads one request per line, `{"left": PNG, "right": PNG, "range_px": [min, max],
 environment.
 """
 
+from __future__ import annotations
+
 import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 PIPELINE = {
     "matching_cost": {"matching_cost_method": "census", "window_size": 5, "subpix": 1},
@@ -22,7 +26,7 @@ PIPELINE = {
 }
 
 
-def match(pandora, request):
+def match(pandora: Any, request: dict[str, Any]) -> tuple[NDArray[np.float32], float]:
     """Return the disparity of a pair, positive to the left, and the CPU time."""
     from pandora.check_configuration import check_conf
     from pandora.constants import Criteria
@@ -44,7 +48,7 @@ def match(pandora, request):
     return disparity, spent
 
 
-def peak_mb(reset=False):
+def peak_mb(*, reset: bool = False) -> float:
     """Return the peak memory of this process since the last reset, MB (Linux)."""
     if reset:
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
@@ -52,7 +56,8 @@ def peak_mb(reset=False):
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
 
 
-def main():
+def main() -> None:
+    """Answer requests until there are no more."""
     import pandora
 
     pandora.import_plugin()
@@ -62,7 +67,8 @@ def main():
         disparity, spent = match(pandora, request)
         after = peak_mb()
         np.save(request["out"], disparity)
-        print(json.dumps({"cpu_s": spent, "extra_mb": after - before}), flush=True)
+        sys.stdout.write(json.dumps({"cpu_s": spent, "extra_mb": after - before}) + "\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":
