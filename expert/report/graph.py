@@ -121,8 +121,8 @@ class _Builder:
     def firing(self, firing: FiringRecord) -> None:
         rule = self.rule(firing.rule, firing.stage, firing.name)
         for item in firing.conditions:
-            if item.fact is not None and item.field is not None and item.template not in INTERNAL:
-                fact = self.fact(short_title(item.fact), item.field, item)
+            if item.fact is not None and item.template not in INTERNAL:
+                fact = self.fact(short_title(item.fact), item)
                 self.edge(fact, rule, condition_line(item), absent="not" in item.within)
         for record in firing.bindings.values():
             if record.template not in INTERNAL and not any(
@@ -130,11 +130,12 @@ class _Builder:
             ):
                 self.edge(self.fact(fact_title(record)), rule, f"asks for {record.template}")
 
-    def fact(self, title: str, name: str | None = None, item: ConditionRecord | None = None) -> Key:
+    def fact(self, title: str, item: ConditionRecord | None = None) -> Key:
         key: Key = ("fact", title)
         fields = self.read.setdefault(key, {})
-        if name is not None and item is not None and item.value is not None:
-            fields[name] = f"{name} {number_text(item.value)}{unit_text(item.template or '', name)}"
+        if item is not None and item.field is not None and item.value is not None:
+            unit = unit_text(item.template or "", item.field)
+            fields[item.field] = f"{item.field} {number_text(item.value)}{unit}"
         self.nodes[key] = Node(key, (title, *fields.values()), f"Fact {title}: {', '.join(fields.values())}")
         return key
 

@@ -193,5 +193,5 @@ document.querySelectorAll(".wipe").forEach(function (figure) {
 }());
 
 window.addEventListener("beforeprint", function () {
-  document.querySelectorAll("details:not(.record)").forEach(function (item) { item.open = true; });
+  document.querySelectorAll("#done details, #rules details, #trials details").forEach(function (item) { item.open = true; });
 });

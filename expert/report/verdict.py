@@ -12,6 +12,7 @@ from expert.report.words import number_text
 from modules.catalog import operators
 
 ABOUT_PAIR = ("measurement", "correction")  # findings of later stages are about the products
+MOST = 4  # things that a sentence names
 _DONE = {
     "decided": "A plan was made and nothing was run yet",
     "reconstructed": "The pair was reconstructed to terrain",
@@ -68,7 +69,8 @@ def _findings(decision: Decision, of_pair: bool, severities: Iterable[str]) -> l
 def _wrong(decision: Decision) -> str:
     grave, minor = (_findings(decision, True, kinds) for kinds in (("critical", "major"), ("minor",)))
     if grave:
-        return f"Wrong with the pair: {_joined(grave)}."
+        more = [f"{len(grave) - MOST + 1} more things"] if len(grave) > MOST else []
+        return f"Wrong with the pair: {_joined(grave[: MOST - 1] + more if more else grave)}."
     if minor:
         return f"Nothing grave was wrong with the pair, only this was noted: {_joined(minor)}."
     return "Nothing was found wrong with the pair."
@@ -126,7 +128,9 @@ def _trust(decision: Decision) -> str:
         return "Trust none of its products."
     parts = list(_measured({record.template: record.fields for record in decision.facts}))
     doubts = _findings(decision, False, ("critical", "major", "minor"))
-    trusted = f"Trust {_joined(parts)}" if parts else "Nothing was measured of the products"
+    grave = _findings(decision, False, ("critical", "major"))
+    start = "Trust only with care" if grave else "Trust"
+    trusted = f"{start} {_joined(parts)}" if parts else "Nothing was measured of the products"
     return f"{trusted}; but {_joined(doubts)}." if doubts else f"{trusted}."
 
 

@@ -59,8 +59,7 @@ def _batch(out: Path) -> None:
         shutil.copy(source / f"{side}_00000.png", source / f"{side}_<img src=x onerror=alert(1)>.png")
         (source / f"{side}_broken.png").write_bytes(b"no image")
         write_image(source / f"{side}_flat.png", np.full((240, 320), 90, np.uint8))
-    settings = Settings(html=True, calibration=str(source / "calibration.yaml"))
-    batch = Batch(find_pairs(source), out / "batch", settings)
+    batch = Batch(find_pairs(source), out / "batch", Settings(html=True))
     batch.run(batch.plan())
     write_page(out / "batch")
 

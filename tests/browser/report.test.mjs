@@ -196,10 +196,17 @@ test("links lead to their sections, and the first Tab leads past them", () => op
   assert.equal(await page.evaluate(() => document.activeElement.textContent), "Skip to the verdict");
 }));
 
-test("on paper everything is open and nothing is a control", () => opened({}, async page => {
+test("on paper what decided is open and nothing is a control", () => opened({width: 794, height: 1123}, async page => {
   await page.emulateMedia({media: "print"});
   await page.evaluate(() => dispatchEvent(new Event("beforeprint")));
-  assert.equal(await page.locator("details:not(.record):not([open])").count(), 0);
+  await page.emulateMedia({media: "screen"});
+  await page.locator("#why-not summary").nth(1).click();
+  await page.emulateMedia({media: "print"});
+  assert.equal(await page.locator("details:visible:not([open])").count(), 0);
+  assert.equal(await page.locator("#why-not details:visible").count(), 1);
+  assert.equal(await page.locator("#rules details:visible").count(), await page.locator("#rules details").count());
+  assert.equal(await page.locator("#facts tbody tr:visible").count(), await page.locator("#facts tr.mattered").count());
+  assert.ok(await overflows(page) <= 0, "the page is wider than the paper");
   for (const name of ["nav", ".control", ".view-3d button"]) assert.equal(await page.locator(`${name}:visible`).count(), 0, name);
   assert.equal(await page.locator(".wipe img:visible").count(), 2 * await page.locator(".wipe").count());
   await page.pdf({path: path.join(BUILD, "report.pdf"), format: "A4"});

@@ -80,6 +80,17 @@ def test_findings_about_the_products_limit_the_trust_and_are_not_told_of_the_pai
     assert told.trust.endswith("(1 sigma, median); but many cells hold walls (distrust their height).")
 
 
+def test_a_grave_finding_about_the_products_asks_for_care() -> None:
+    doubtful = finding("doubtful", "major", "many of the matched pixels are probably wrong", "matching")
+    assert verdict(record(findings=(doubtful,))).trust.startswith("Trust only with care the disparity of 91 %")
+
+
+def test_no_more_than_four_things_are_named() -> None:
+    five = tuple(finding(name, "major", f"wrong {name}") for name in "abcde")
+    assert verdict(record(findings=five[:4])).wrong == "Wrong with the pair: wrong a, wrong b, wrong c and wrong d."
+    assert verdict(record(findings=five)).wrong == "Wrong with the pair: wrong a, wrong b, wrong c and 2 more things."
+
+
 def test_several_trials_are_told_with_the_one_that_was_kept() -> None:
     plan = StagePlan(stage="matching", steps=())
     trials = tuple(TrialRecord(stage="matching", number=number, plan=plan, kept=number == 2) for number in (1, 2, 3))
