@@ -1,6 +1,6 @@
 """Measure the rules of correction before a fixed matcher: `make bench-correction-rules`.
 
-    TERREX_DATA=... python -m benchmarks.correction_rules [--every N] [--short]
+    TERREX_DATA=... python -m benchmarks.correction_rules [--every N] [--short] [--keep FILE]
 
 The matcher is always OpenCV's semi-global one with three paths and a block of 5 px, the disparity range is given, and
 the usual checks follow. Over development pairs x reference distortions, mean bad-1 in % (missing counted as wrong) of
@@ -10,15 +10,20 @@ the usual checks follow. Over development pairs x reference distortions, mean ba
 
 Below stand, per distortion, the rules' error over that of the best fixed correction for it, and the rules' error on
 misrectified pairs over that on clean ones. Repeated with other strengths (--strength), it shows what was fitted.
+
+All fixed corrections on all pairs take an hour. With --keep their errors are written to a file as they come, and those
+that stand there already are not computed again; the rules' are.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +129,26 @@ def bad_1(pair: DatasetPair, views: Views) -> float:
     return score(state.disparity.disparity_px, pair)[0]
 
 
+class Kept:
+    """Errors of fixed corrections that an earlier run left in a file of JSON lines, and a place to add more."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        lines = path.read_text(encoding="utf-8").splitlines() if path and path.exists() else []
+        self._known = {tuple(key): error for key, error in map(json.loads, lines)}
+
+    def get(self, key: tuple[str, ...], compute: Callable[[], float]) -> float:
+        """Return the error for a key, computed and added where it is not known."""
+        if key not in self._known:
+            self._known[key] = compute()
+            if self._path:
+                with self._path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps([key, self._known[key]]) + "\n")
+        return self._known[key]
+
+
 def measure(
-    folder: Path, every: int, short: bool, strength: float
+    folder: Path, every: int, short: bool, strength: float, kept: Kept
 ) -> tuple[dict[tuple[str, str], list[float]], dict[str, Counter[str]]]:
     """Return the errors by correction and distortion, and what the rules chose per distortion."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -143,8 +166,14 @@ def measure(
             plans[kind][" + ".join(name.split(".")[1] for name, _ in steps) or "nothing"] += 1
             errors.setdefault((RULES, kind), []).append(bad_1(pair, correct(views, steps)))
             for name, fixed in fixed_corrections(short).items():
-                errors.setdefault((name, kind), []).append(bad_1(pair, correct(views, fixed)))
+                key = (f"{number} {pair.name}", kind, f"{strength:g}", name)
+                error = kept.get(key, partial(_corrected_bad_1, pair, views, fixed))
+                errors.setdefault((name, kind), []).append(error)
     return errors, plans
+
+
+def _corrected_bad_1(pair: DatasetPair, views: Views, steps: Sequence[Step]) -> float:
+    return bad_1(pair, correct(views, steps))
 
 
 def report(errors: dict[tuple[str, str], list[float]], plans: dict[str, Counter[str]]) -> None:
@@ -178,10 +207,11 @@ def main() -> None:
         "--short", action="store_true", help="leave out fixed corrections that never come near the best"
     )
     parser.add_argument("--strength", type=float, default=1.0, help="of the distortions")
+    parser.add_argument("--keep", type=Path, help="file for the errors of fixed corrections, read first")
     args = parser.parse_args()
     if not args.data:
         raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
-    report(*measure(Path(args.data), args.every, args.short, args.strength))
+    report(*measure(Path(args.data), args.every, args.short, args.strength, Kept(args.keep)))
 
 
 if __name__ == "__main__":

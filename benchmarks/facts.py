@@ -3,7 +3,7 @@
     TERREX_DATA=... python -m benchmarks.facts [--every N] [--seeds 2] [--write]   accuracy; --write renews the page
     python -m benchmarks.facts --time                                             CPU time per probe at two sizes
 
-The differences are simulated in the right image of development pairs whose cameras agree and of rendered terrain. The
+The differences are simulated in one image of development pairs whose cameras agree and of rendered terrain. The
 error of a fact is what it says less what was simulated; what the real cameras differ by themselves is part of it. The
 column `2 sigma` gives the share of errors within twice the uncertainty that the fact itself states.
 """
@@ -11,119 +11,30 @@ column `2 sigma` gives the share of errors within twice the uncertainty that the
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.causes import Damage, dead_columns, gradient, motion, pairs_of, sensor, stuck_pixels
+from benchmarks.causes import pairs_of
+from benchmarks.fact_checks import CHECKS, Check, fact_of
 from modules.catalog import probes
 from modules.formats.datasets import read_index
 from modules.measurement.sample import Sample
-from modules.probe import FactModel
 from modules.simulation.distortions import REFERENCE_DISTORTIONS, distort_right
 from modules.simulation.sensor import SensorParams, apply_sensor
 from modules.simulation.terrain import TerrainParams, render_terrain
-from modules.types import FloatImage, Image, Mask, Views, full_scale
+from modules.types import FloatImage, Mask, Views
 
 PAGE = Path(__file__).parents[1] / "docs" / "facts_validation.md"
 SIZES = ((640, 480), (1280, 960))
-
-
-@dataclass(frozen=True)
-class Check:
-    """One difference of known size, and the field that shall tell it.
-
-    Attributes
-    ----------
-    probe, field : str
-        The fact; `field_sigma` is its uncertainty, where there is one.
-    what : str
-        The difference, for the table.
-    damage : Damage
-        Of the right image.
-    truth : float or callable
-        What the field should say, or how it follows from the image, the seed and the undamaged image.
-    sigma : str, optional
-        Field of the uncertainty.
-    """
-
-    probe: str
-    field: str
-    what: str
-    damage: Damage
-    truth: float | Callable[[Image, int], float]
-    sigma: str | None = None
-
-
-def radial_truth(loss: float) -> Callable[[Image, int], float]:
-    """Return the slope of the log light over the squared radius: what a straight line makes of vignetting."""
-
-    def truth(image: Image, seed: int) -> float:
-        rows, columns = image.shape[:2]
-        y, x = np.mgrid[:rows:4, :columns:4]
-        r2 = ((x - columns / 2) ** 2 + (y - rows / 2) ** 2) / ((columns**2 + rows**2) / 4)
-        return float(np.polyfit(r2.ravel(), np.log(1 - loss * r2).ravel(), 1)[0])
-
-    return truth
-
-
-def gradient_truth(image: Image, seed: int) -> float:
-    """Return the magnitude of the gradient that `gradient` makes, over half the diagonal."""
-    angle = np.random.default_rng(seed).uniform(0, 2 * np.pi)
-    rows, columns = image.shape[:2]
-    half = np.hypot(rows, columns) / 2
-    return float(0.3 * half * np.hypot(np.cos(angle) / (columns / 2), np.sin(angle) / (rows / 2)))
-
-
-def clipped_truth(image: Image, seed: int) -> float:
-    """Return how many pixels a gain of 1.6 brings to full scale."""
-    bright = image if image.ndim == 2 else image.max(axis=2)
-    scale = full_scale(image) / 255
-    return float(np.mean(np.rint(1.6 * bright / scale) >= 254) - np.mean(bright / scale >= 254))
-
-
-def motion_truth(image: Image, seed: int) -> float:
-    """Return the direction that `motion` draws, between -90 and 90 degrees."""
-    angle = float(np.rad2deg(np.random.default_rng(seed).uniform(0, np.pi)))
-    return (angle + 90) % 180 - 90
-
-
-TURNED = sensor(shift_y_px=1.3, misalign_rad=0.003)
-CHECKS: tuple[Check, ...] = (
-    Check("radiometry", "gain", "gain 0.7", sensor(gain=0.7), 0.7, "gain_sigma"),
-    Check("radiometry", "gain", "gain 0.7, vignetting 0.4", sensor(gain=0.7, vignetting=0.4), 0.7, "gain_sigma"),
-    Check("radiometry", "gain", "gain 0.7, noise 6 dn", sensor(gain=0.7, noise_sigma_dn=6.0), 0.7, "gain_sigma"),
-    Check("radiometry", "offset_dn", "offset 20 dn", sensor(offset_dn=20.0), 20.0, "offset_sigma_dn"),
-    Check("radiometry", "difference_dn", "offset 20 dn", sensor(offset_dn=20.0), 20.0, "difference_sigma_dn"),
-    Check("radiometry", "gamma", "exponent 1.4", sensor(gamma=(1.4, 1.4, 1.4)), 1.4, "gamma_sigma"),
-    Check("radiometry", "gamma", "exponent 0.7", sensor(gamma=(0.7, 0.7, 0.7)), 0.7, "gamma_sigma"),
-    Check(
-        "radiometry", "cast_fraction", "channels x 1.1, 1, 0.9", sensor(cast=(1.1, 1.0, 0.9)), float(np.log(1.1 / 0.9)),
-        "cast_sigma",
-    ),
-    Check("light_shape", "radial", "vignetting 0.4", sensor(vignetting=0.4), radial_truth(0.4), "radial_sigma"),
-    Check("light_shape", "radial", "none", sensor(), 0.0, "radial_sigma"),
-    Check("light_shape", "gradient", "light x 0.74 to 1.35", gradient, gradient_truth),
-    Check("light_shape", "patchy", "none", sensor(), 0.0),
-    Check("noise", "right_sigma_dn", "noise 4 dn", sensor(noise_sigma_dn=4.0), 4.0),
-    Check("noise", "right_sigma_dn", "noise 10 dn", sensor(noise_sigma_dn=10.0), 10.0),
-    Check("sharpness", "ratio", "none", sensor(), 1.0),
-    Check("sharpness", "ratio", "gain 0.6, offset 20 dn", sensor(gain=0.6, offset_dn=20.0), 1.0),
-    Check("saturation", "difference_fraction", "gain 1.6", sensor(gain=1.6), clipped_truth),
-    Check("row_alignment", "offset_px", "1.3 px, 0.003 rad", TURNED, 1.3, "sigma_px"),
-    Check("row_alignment", "roll_deg", "1.3 px, 0.003 rad", TURNED, 0.1719),
-    Check("row_alignment", "offset_px", "12 px", sensor(shift_y_px=12.0), 12.0, "sigma_px"),
-    Check("motion", "direction_deg", "9 px along a direction", motion, motion_truth),
-    Check("defects", "stuck_difference_ppm", "500 stuck pixels in a million", stuck_pixels, 500.0),
-    Check("defects", "lines_difference", "4 bright columns", dead_columns, 4.0),
-)  # fmt: skip
 
 
 @dataclass
@@ -135,20 +46,17 @@ class Errors:
     missing: int = 0
 
 
-def measure(views: Views, probe: str) -> FactModel:
-    """Return the one fact of a probe."""
-    return cast(FactModel, probes()[f"measurement.{probe}"].function(Sample(views))[0])
-
-
 def add(errors: Errors, check: Check, views: Views, seed: int) -> None:
     """Measure one damaged pair."""
-    right = check.damage(views.right, 1.0, seed)
-    fact = measure(views.with_images(views.left, right), check.probe)
+    image = getattr(views, check.side)
+    damaged = check.damage(image, 1.0, seed)
+    images = (views.left, damaged) if check.side == "right" else (damaged, views.right)
+    fact = fact_of(views.with_images(*images), check.probe, check.side)
     value = getattr(fact, check.field)
     if value is None:
         errors.missing += 1
         return
-    truth = check.truth if isinstance(check.truth, float) else check.truth(views.right, seed)
+    truth = check.truth if isinstance(check.truth, float) else check.truth(image, seed)
     error = float(value) - truth
     if check.field.endswith("direction_deg"):
         error = (error + 90) % 180 - 90
@@ -192,6 +100,28 @@ def accuracy(folder: Path | None, every: int, seeds: int) -> str:
     return "\n".join(lines)
 
 
+def sky_quality(count: int) -> str:
+    """Return how well the share of the sky and the horizon are told on rendered terrain."""
+    found: dict[str, Errors] = {name: Errors([], []) for name in ("sky_fraction", "horizon_fraction")}
+    for seed, pitch_deg in itertools.product(range(count), (-12.0, -6.0, 0.0, 6.0)):
+        made = render_terrain(TerrainParams(seed=700 + seed, pitch_deg=pitch_deg))
+        fact: Any = fact_of(Views(made.left, made.right), "scene", "left")
+        found["sky_fraction"].values.append(fact.sky_fraction - float(made.sky.mean()))
+        columns = made.sky.any(axis=0)
+        if not columns.any() or fact.horizon_fraction is None:
+            found["horizon_fraction"].missing += bool(columns.any())
+            continue
+        rows = len(made.sky) - np.argmax(made.sky[::-1, columns], axis=0)
+        found["horizon_fraction"].values.append(fact.horizon_fraction - float(np.median(rows)) / len(made.sky))
+    lines = ["| fact | pairs | missed | median error | 5 % | 95 % |", "|---|---|---|---|---|---|"]
+    for name, errors in found.items():
+        low, middle, high = np.percentile(errors.values, (5, 50, 95)) if errors.values else (np.nan,) * 3
+        lines.append(
+            f"| `scene.{name}` | {len(errors.values)} | {errors.missing} | {middle:.3f} | {low:.3f} | {high:.3f} |"
+        )
+    return "\n".join(lines)
+
+
 def range_quality(folder: Path, every: int) -> str:
     """Return how often the estimated disparity range covers the true one, and how much wider it is."""
     rows: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
@@ -200,7 +130,7 @@ def range_quality(folder: Path, every: int) -> str:
             continue
         low, high = _true_range(pair.truth_px, pair.scored)
         for kind in REFERENCE_DISTORTIONS:
-            fact: Any = measure(distort_right(pair.views, kind, seed=number), "disparity_range")
+            fact: Any = fact_of(distort_right(pair.views, kind, seed=number), "disparity_range", "left")
             if fact.min_px is None:
                 rows[kind].append((0.0, 0.0, np.nan))
                 continue
@@ -261,9 +191,12 @@ def page(folder: Path, every: int, seeds: int) -> str:
     return (
         "# How well facts tell what was simulated\n\n"
         "Written by `make bench-facts ARGS=--write`; not edited by hand. The error is what the fact says less what\n"
-        "was simulated in the right image; `2 sigma` is the share of errors within twice the stated uncertainty. Real\n"
+        "was simulated in one image; `2 sigma` is the share of errors within twice the stated uncertainty. Real\n"
         "pairs differ a little by themselves, which is part of the error.\n\n"
         f"{accuracy(folder, every, seeds)}\n\n"
+        "## Sky\n\n"
+        "Rendered terrain seen from a body that looks 12 degrees up to 6 degrees down.\n\n"
+        f"{sky_quality(3)}\n\n"
         "## Disparity range\n\n"
         "The true range is that between the 0.5th and the 99.5th percentile of the true disparities; all development\n"
         f"pairs under each reference distortion.\n\n{range_quality(folder, every)}\n"

@@ -5,16 +5,21 @@ from modules.measurement import (
     compression,
     defects,
     disparity_range,
+    histogram_warp,
     histograms,
     image_format,
     light_shape,
     motion,
     noise,
+    noise_model,
     radiometry,
     row_alignment,
     saturation,
+    scene,
     sharpness,
     texture,
+    texture_detail,
+    vignetting,
 )
 from modules.probe import Probe
 
@@ -33,4 +38,9 @@ PROBES: tuple[Probe, ...] = (
     motion.PROBE,
     compression.PROBE,
     defects.PROBE,
+    histogram_warp.PROBE,
+    noise_model.PROBE,
+    texture_detail.PROBE,
+    scene.PROBE,
+    vignetting.PROBE,
 )

@@ -138,21 +138,49 @@ def fit_light(blocks: Corresponding) -> LightFit:
     )
 
 
+def exponent_within_patches(blocks: Corresponding) -> tuple[float, float] | None:
+    """Return the exponent of the right image over the left one, and its standard error, from contrasts within patches.
+
+    Within a patch the light of both images is nearly constant, whatever it is elsewhere. A gain cancels; an offset
+    looks like a weak exponent. None where fewer than 60 blocks lie in patches of at least 6.
+    """
+    bright = np.minimum(blocks.left, blocks.right) >= BRIGHT_DN
+    if np.count_nonzero(bright) < LEAST_BLOCKS:
+        return None
+    left, right = np.log(blocks.left[bright]), np.log(blocks.right[bright])
+    _, group, counts = np.unique(_patch_of(blocks)[bright], return_inverse=True, return_counts=True)
+    large = counts[group] >= PATCH_BLOCKS
+    if np.count_nonzero(large) < LEAST_BLOCKS:
+        return None
+    tone, ratio = (
+        (values - _group_medians(values, group)[group])[large] for values in ((left + right) / 2, right - left)
+    )
+    # Against the mean of both logarithms errors of the two cancel; (2 + s) / (2 - s) is the exponent of that slope.
+    (slope,), covariance, _ = fit_linear(tone[:, None], ratio, SCALE_FLOOR)
+    slope = float(np.clip(slope, -1.8, 1.8))
+    exponent = (2 + slope) / (2 - slope)
+    sigma = CORRELATED * float(np.sqrt(max(covariance[0, 0], 0.0))) * 4 / (2 - slope) ** 2
+    return exponent, sigma
+
+
+def _patch_of(blocks: Corresponding) -> NDArray[np.int64]:
+    """Return the number of the patch of each block."""
+    column, row = (np.floor(place / PATCH).astype(np.int64) for place in (blocks.x, blocks.y))
+    return 100 * row + column
+
+
 def _patchiness(blocks: Corresponding, residual: Floats) -> float:
     bright = np.minimum(blocks.left, blocks.right) >= BRIGHT_DN
     if np.count_nonzero(bright) < len(blocks) / 2:
         bright[:] = True
-    column, row = (np.floor(place[bright] / PATCH).astype(int) for place in (blocks.x, blocks.y))
-    medians = _medians(residual[bright], 100 * row + column)
+    _, group, counts = np.unique(_patch_of(blocks)[bright], return_inverse=True, return_counts=True)
+    medians = _group_medians(residual[bright], group)[counts >= PATCH_BLOCKS]
     return float(np.std(medians)) if len(medians) > 5 else 0.0
 
 
-def _medians(values: Floats, group: NDArray[np.int64]) -> Floats:
-    """Return the median of each group of at least 6 values."""
-    order = np.lexsort((values, group))
-    ordered = values[order]
-    first = np.flatnonzero(np.diff(group[order], prepend=-(10**9)))
-    counts = np.diff(first, append=len(values))
-    middle = first + (counts - 1) / 2
-    medians = (ordered[np.floor(middle).astype(int)] + ordered[np.ceil(middle).astype(int)]) / 2
-    return np.asarray(medians[counts >= PATCH_BLOCKS])
+def _group_medians(values: Floats, group: NDArray[np.int64]) -> Floats:
+    """Return the median of each group; groups are numbered from 0 without gaps."""
+    ordered = values[np.lexsort((values, group))]
+    counts = np.bincount(group)
+    middle = np.cumsum(counts) - counts + (counts - 1) / 2
+    return np.asarray((ordered[np.floor(middle).astype(int)] + ordered[np.ceil(middle).astype(int)]) / 2)

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.measurement.sample import Gray, Sample
+from modules.measurement.sample import Sample
 from modules.primitives.photometry import to_8_bit
+from modules.primitives.stuck import stand_out
 from modules.probe import FactModel, Probe, quantity
 
-RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], np.uint8)
+Image8 = NDArray[np.uint8]
+
 MARGIN_DN = 24  # beyond the brightest or darkest neighbour, on top of the spread of the neighbours
-STEP_DN = 8  # a line differs by this from the mean of its neighbours ...
+LEAST_CONTRAST_DN = 1.0  # mean spread of neighbours, below which contrasts are not compared
+MOST_CONTRAST = 3.0  # times the contrast of the other image, beyond which the limit does not follow
 STRIP_PX = 64  # rows that are looked at together; of large images only every second or third strip is
 ENOUGH_PX = 300_000  # pixels that suffice
-ENOUGH_ROWS = 240  # of a column tell whether it stands out
-ONE_SIDED = 0.93  # ... with one sign on nearly its whole length, which edges of a scene seldom do
 
 
 class Defects(FactModel):
@@ -27,7 +29,9 @@ class Defects(FactModel):
     template: ClassVar[str] = "defects"
 
     left_stuck_ppm: float = quantity(
-        "Lone pixels far outside of their neighbours, left, per million", ge=0, resolution=1.0
+        "Lone pixels far outside of their neighbours, left, per million of those not beside clipped ones",
+        ge=0,
+        resolution=1.0,
     )
     right_stuck_ppm: float = quantity("The same of the right image, per million", ge=0, resolution=1.0)
     stuck_difference_ppm: float = quantity(
@@ -39,9 +43,20 @@ class Defects(FactModel):
 
 
 def measure_defects(sample: Sample) -> list[Defects]:
-    """Return the one `defects` fact of the pair."""
-    stuck = [_stuck_ppm(to_8_bit(image)) for image in (sample.views.left, sample.views.right)]
-    lines = [_lines(gray) + _lines(gray.T) for gray in sample.gray8]
+    """Return the one `defects` fact of the pair.
+
+    The limit beyond which a pixel is stuck follows the contrast of the image: what a higher gain makes of glints and
+    grain is no defect.
+    """
+    images = [to_8_bit(image) for image in (sample.views.left, sample.views.right)]
+    found = [[_look(strip) for strip in _strips(image)] for image in images]
+    contrast = [float(np.mean([look.spread_dn for look in looks])) for looks in found]
+    least = max(min(contrast), LEAST_CONTRAST_DN)
+    stuck = [
+        _stuck_ppm(looks, MARGIN_DN * float(np.clip(own / least, 1, MOST_CONTRAST)))
+        for looks, own in zip(found, contrast, strict=True)
+    ]
+    lines = [rows.size + columns.size for rows, columns in sample.lines]
     return [
         Defects(
             left_stuck_ppm=stuck[0],
@@ -54,34 +69,39 @@ def measure_defects(sample: Sample) -> list[Defects]:
     ]
 
 
-def _stuck_ppm(image: NDArray[np.uint8]) -> float:
+@dataclass(frozen=True)
+class _Look:
+    """Pixels of a strip: by how much each stands out by more than its neighbours spread, in its oddest channel.
+
+    `spread_dn` is the mean spread of the neighbours, `usable` the number of pixels beside which nothing is clipped.
+    """
+
+    excess_dn: Image8
+    spread_dn: float
+    usable: int
+
+
+def _strips(image: Image8) -> list[Image8]:
     rows, columns = image.shape[:2]
     step = STRIP_PX * max(1, rows * columns // ENOUGH_PX)
-    strips = [image] if step == STRIP_PX else [image[row : row + STRIP_PX] for row in range(0, rows, step)]
-    return 1e6 * sum(map(_stuck, strips)) / sum(strip.shape[0] * columns for strip in strips)
+    return [image] if step == STRIP_PX else [image[row : row + STRIP_PX] for row in range(0, rows, step)]
 
 
-def _stuck(image: NDArray[np.uint8]) -> int:
-    """Return the number of pixels with a channel far outside of its neighbours."""
-    planes: list[Any] = [image] if image.ndim == 2 else list(cv2.split(image))
-    found = np.zeros(planes[0].shape, np.uint8)
+def _look(strip: Image8) -> _Look:
+    planes: list[Any] = [strip] if strip.ndim == 2 else list(cv2.split(strip))
+    excess, usable = np.zeros(planes[0].shape, np.uint8), np.zeros(planes[0].shape, bool)
+    spread_dn = []
     for plane in planes:
-        brightest, darkest = cv2.dilate(plane, RING), cv2.erode(plane, RING)
-        beyond = cv2.max(cv2.subtract(plane, brightest), cv2.subtract(darkest, plane))
-        spread = cv2.subtract(brightest, darkest)
-        found = cv2.max(found, cv2.subtract(beyond, spread))
-    return int(np.count_nonzero(found > MARGIN_DN))
+        look = stand_out(plane)
+        excess = np.asarray(cv2.max(excess, cv2.subtract(look.beyond_dn, look.spread_dn)))
+        usable |= look.usable
+        spread_dn.append(cv2.mean(look.spread_dn)[0])
+    return _Look(excess, max(spread_dn), int(np.count_nonzero(usable)))
 
 
-def _lines(gray: Gray) -> int:
-    if gray.shape[1] < 3:
-        return 0
-    values = np.ascontiguousarray(gray[:: max(1, gray.shape[0] // ENOUGH_ROWS)])
-    twice = np.asarray(cv2.sepFilter2D(values, cv2.CV_16S, np.array([-1.0, 2.0, -1.0]), np.ones(1)))[:, 1:-1]
-    signs = [np.asarray(sign, np.uint8) for sign in (twice > 2 * STEP_DN, twice < -2 * STEP_DN)]
-    shares = [cv2.reduce(sign, 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel() for sign in signs]
-    found = np.concatenate([[False], np.abs(shares[0] - shares[1]) > ONE_SIDED])
-    return int(np.count_nonzero(found[1:] & ~found[:-1]))  # the neighbours of a line stand out from it, too
+def _stuck_ppm(looks: list[_Look], margin_dn: float) -> float:
+    count = sum(int(np.count_nonzero(look.excess_dn > margin_dn)) for look in looks)
+    return 1e6 * count / max(1, sum(look.usable for look in looks))
 
 
 PROBE = Probe(

@@ -31,7 +31,14 @@ class LightShape(FactModel):
     )
     down_sigma: float | None = quantity("Standard error of `down`", ge=0, resolution=0.001, default=None)
     gradient: float | None = quantity(
-        "Magnitude of the gradient, `across` and `down`", ge=0, resolution=0.001, default=None
+        "Magnitude of the gradient, `across` and `down`",
+        ge=0,
+        resolution=0.001,
+        sigma="gradient_sigma",
+        default=None,
+    )
+    gradient_sigma: float | None = quantity(
+        "Standard error of the gradient, the larger of its parts", ge=0, resolution=0.001, default=None
     )
     gradient_deg: float | None = quantity(
         "Direction in which the right image becomes brighter, if it is certain; 0 is right, 90 is down",
@@ -55,7 +62,7 @@ def measure_light_shape(sample: Sample) -> list[LightShape]:
     if light is None:
         return [LightShape()]
     gradient = float(np.hypot(light.across, light.down))
-    certain = gradient > 2 * max(light.across_sigma, light.down_sigma)
+    gradient_sigma = max(light.across_sigma, light.down_sigma)
     return [
         LightShape(
             radial=light.radial,
@@ -65,7 +72,10 @@ def measure_light_shape(sample: Sample) -> list[LightShape]:
             down=light.down,
             down_sigma=light.down_sigma,
             gradient=gradient,
-            gradient_deg=float(np.rad2deg(np.arctan2(light.down, light.across))) if certain else None,
+            gradient_sigma=gradient_sigma,
+            gradient_deg=(
+                float(np.rad2deg(np.arctan2(light.down, light.across))) if gradient > 2 * gradient_sigma else None
+            ),
             patchy=light.patchy,
         )
     ]

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import cv2
 import numpy as np
 from scipy.linalg import eigh
 
-from modules.measurement.sample import Gray, Sample
+from modules.measurement.sample import Gray, Indices, Sample
 from modules.primitives.statistics import Floats
+from modules.primitives.stuck import CLIPPED_DN
 from modules.probe import FactModel, Probe, quantity
 
 STRONG_DN = 60.0  # gradients beyond this weigh less, so that a few edges do not decide
 LEAST_ENERGY = 0.5  # dn^2; less gradient energy says nothing
 ENOUGH_PX = 160_000  # pixels of the middle rows that suffice
+CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 NOISE_SHARE = 2.0  # noise variance in a difference of two pixels
 
 
@@ -40,7 +43,10 @@ def measure_motion(sample: Sample) -> list[Motion]:
     The structure tensor of one image relative to that of the other: its generalised eigenvalues do not depend on gain
     or on the texture of the scene, and blur lowers the one along its direction.
     """
-    tensors = [_tensor(gray, noise_dn) for gray, noise_dn in zip(sample.gray8, sample.middle_noise_dn, strict=True)]
+    tensors = [
+        _tensor(gray, noise_dn, lines)
+        for gray, noise_dn, lines in zip(sample.gray8, sample.middle_noise_dn, sample.lines, strict=True)
+    ]
     if min(float(np.linalg.eigvalsh(tensor)[0]) for tensor in tensors) < LEAST_ENERGY:
         return [Motion()]
     values, vectors = eigh(tensors[1], tensors[0])
@@ -50,24 +56,29 @@ def measure_motion(sample: Sample) -> list[Motion]:
     return [Motion(anisotropy=float(np.clip(values[0] / values[1], 0, 1)), direction_deg=(angle + 90) % 180 - 90)]
 
 
-def _tensor(gray: Gray, noise_dn: float) -> Floats:
+def _tensor(gray: Gray, noise_dn: float, lines: tuple[Indices, Indices]) -> Floats:
+    """Return the mean products of the gradients of the middle rows, without noise, clipped pixels and stuck lines."""
     rows = min(gray.shape[0], max(64, ENOUGH_PX // gray.shape[1]))
     first = (gray.shape[0] - rows) // 2
     values = gray[first : first + rows]
     if min(values.shape) < 3:
         return np.zeros((2, 2))
-    across = np.subtract(values[1:-1, 2:], values[1:-1, :-2], dtype=np.float32).ravel()
-    down = np.subtract(values[2:, 1:-1], values[:-2, 1:-1], dtype=np.float32).ravel()
+    across = np.subtract(values[1:-1, 2:], values[1:-1, :-2], dtype=np.float32)
+    down = np.subtract(values[2:, 1:-1], values[:-2, 1:-1], dtype=np.float32)
     weight = across * across
     weight += down * down
     weight *= np.float32(1 / STRONG_DN**2)
     weight += np.float32(1)
     np.reciprocal(weight, out=weight)
-    weighted = across * weight, down * weight
-    noise = NOISE_SHARE * noise_dn**2
-    mixed = float(weighted[0] @ down)
-    energy = np.array([[float(weighted[0] @ across), mixed], [mixed, float(weighted[1] @ down)]])
-    return energy / across.size - noise * np.eye(2)
+    weight[cv2.dilate(values, CROSS)[1:-1, 1:-1] >= CLIPPED_DN] = 0
+    for index, axis in ((lines[0] - first, 0), (lines[1], 1)):
+        beside = np.unique(np.concatenate([index - 2, index - 1, index]))  # of the inner pixels, which begin at 1
+        np.moveaxis(weight, axis, 0)[beside[(beside >= 0) & (beside < weight.shape[axis])]] = 0
+    weighted_across, weighted_down = across * weight, down * weight
+    mixed = float(np.vdot(weighted_across, down))
+    energy = np.array([[float(np.vdot(weighted_across, across)), mixed], [mixed, float(np.vdot(weighted_down, down))]])
+    used = np.count_nonzero(weight)
+    return energy / max(used, 1) - NOISE_SHARE * noise_dn**2 * np.eye(2)
 
 
 PROBE = Probe(

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.measurement._corresponding import CORRELATED, LOG_FLOOR_DN, Corresponding, log_ratio
+from modules.measurement._corresponding import (
+    CORRELATED,
+    LOG_FLOOR_DN,
+    Corresponding,
+    exponent_within_patches,
+    log_ratio,
+)
 from modules.measurement.sample import Sample
 from modules.primitives.statistics import Floats, fit_linear, robust_sigma
 from modules.probe import FactModel, Probe, quantity
@@ -17,6 +26,7 @@ BEYOND = 1.3  # half ranges from their middle where the curve goes on as a strai
 # What the models themselves are wrong by on real pairs, where gloss and parallax act: see docs/facts_validation.md.
 GAIN_ERROR, OFFSET_ERROR_DN, DIFFERENCE_ERROR_DN, GAMMA_ERROR, CAST_ERROR = 0.015, 2.0, 1.2, 0.035, 0.015
 KEPT_PERCENT = 85  # of squared residuals; larger ones are wrong matches and count as this one
+LOCAL_GAMMA_ERROR = 0.015
 PATCHY = 0.06  # of `LightFit.patchy`; tone curves are not to be trusted under light that differs this much
 CAST_DN = 20.0  # darker blocks say little about colour
 CAST_BLOCKS = 60
@@ -64,6 +74,16 @@ class Radiometry(FactModel):
         default=None,
     )
     gamma_sigma: float | None = quantity("Standard error of the exponent", ge=0, resolution=0.001, default=None)
+    local_gamma: float | None = quantity(
+        "The same from contrasts within patches, where light that differs from place to place cancels; an offset of "
+        "20 dn looks like 0.85",
+        resolution=0.001,
+        sigma="local_gamma_sigma",
+        default=None,
+    )
+    local_gamma_sigma: float | None = quantity(
+        "Standard error of the exponent within patches", ge=0, resolution=0.001, default=None
+    )
     constancy_residual_dn: float | None = _residual("equal brightness assumed")
     gain_residual_dn: float | None = _residual("after a gain alone")
     offset_residual_dn: float | None = _residual("after an offset alone")
@@ -105,7 +125,12 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
     power, power_covariance, _ = fit_linear(logs * weight[:, None], np.log((right + 0.5) / 255.5) * weight, 0.005)
     gain = float(straight[1] / half)
     errors = CORRELATED * np.sqrt(np.maximum(np.diag(straight_covariance), 0))
-    cast, cast_sigma = _cast(blocks, bent if light.patchy < PATCHY else None, middle, half)
+    local = exponent_within_patches(blocks)
+    by_curve = _ToneCurve(bent, middle, half).log_ratio
+    if light.patchy >= PATCHY:  # no curve fits all of the image
+        power_beyond_1 = local[0] - 1 if local else 0.0
+        by_curve = partial(_power_ratio, power_beyond_1)
+    cast, cast_sigma = _cast(blocks, by_curve, (middle - BEYOND * half, middle + BEYOND * half))
     return [
         Radiometry(
             count=len(blocks),
@@ -117,6 +142,8 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
             offset_sigma_dn=float(np.linalg.norm([errors[0], errors[1] * middle / half, OFFSET_ERROR_DN])),
             gamma=float(power[1]),
             gamma_sigma=float(np.hypot(CORRELATED * np.sqrt(max(power_covariance[1, 1], 0)), GAMMA_ERROR)),
+            local_gamma=local[0] if local else None,
+            local_gamma_sigma=float(np.hypot(local[1], LOCAL_GAMMA_ERROR)) if local else None,
             constancy_residual_dn=_rms(right - left),
             gain_residual_dn=_rms(right - np.median(right / left) * left),
             offset_residual_dn=_rms(right - left - np.median(right - left)),
@@ -128,6 +155,10 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
             log_ratio_spread=robust_sigma(log_ratio(left, blocks.right)),
         )
     ]
+
+
+def _power_ratio(beyond_1: float, levels: Floats) -> Floats:
+    return np.asarray(beyond_1 * np.log(levels + LOG_FLOOR_DN))
 
 
 def _undo(values: NDArray[Any], place: Floats) -> Floats:
@@ -148,28 +179,38 @@ def _exponent(left: Floats, right: Floats) -> float:
     return float(np.median(exponents))
 
 
-def _cast(blocks: Corresponding, bent: Floats | None, middle: float, half: float) -> tuple[float | None, float | None]:
+@dataclass(frozen=True)
+class _ToneCurve:
+    """A parabola of the left brightness, in half ranges from the middle, that goes on as a straight line."""
+
+    coefficients: Floats
+    middle: float
+    half: float
+
+    def log_ratio(self, levels: Floats) -> Floats:
+        """Return the log ratio that the curve makes of levels, up to a constant."""
+        at = (levels - self.middle) / self.half
+        core = np.clip(at, -BEYOND, BEYOND)
+        height, slope, bend = self.coefficients
+        mapped = height + slope * core + bend * (core**2 - 1 / 3) + (slope + 2 * bend * core) * (at - core)
+        return log_ratio(levels, np.maximum(mapped, 0.5))
+
+
+def _cast(
+    blocks: Corresponding, by_curve: Callable[[Floats], Floats], limits_dn: tuple[float, float]
+) -> tuple[float | None, float | None]:
     """Compare the log ratio of each channel with that of the luminance, where light cancels; less what a curve does.
 
-    Without a curve (`bent` is None, as under patchy light that no curve fits) gains are assumed.
+    Levels of the left image beyond `limits_dn` are left out: the curve says little there.
     """
     if blocks.left_colour is None or blocks.right_colour is None:
         return None, None
-
-    def by_curve(levels: Floats) -> Floats:
-        if bent is None:
-            return np.zeros_like(levels)
-        at = (levels - middle) / half
-        core = np.clip(at, -BEYOND, BEYOND)
-        mapped = bent[0] + bent[1] * core + bent[2] * (core**2 - 1 / 3) + (bent[1] + 2 * bent[2] * core) * (at - core)
-        return log_ratio(levels, np.maximum(mapped, 0.5))
-
     expected = by_curve(blocks.left)
     common = log_ratio(blocks.left, blocks.right)
     excess, errors = [], []
     for channel in range(3):
         left, right = blocks.left_colour[:, channel], blocks.right_colour[:, channel]
-        use = (left > CAST_DN) & (right > CAST_DN) & (np.abs(left - middle) < BEYOND * half)
+        use = (left > max(CAST_DN, limits_dn[0])) & (right > CAST_DN) & (left < limits_dn[1])
         if np.count_nonzero(use) < CAST_BLOCKS:
             return None, None
         beyond = (log_ratio(left, right) - by_curve(left) - common + expected)[use]

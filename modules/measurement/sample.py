@@ -16,10 +16,12 @@ from modules.primitives.features import match_features, track_corners
 from modules.primitives.noise import NoiseBlocks, estimate_noise_dn, noise_blocks
 from modules.primitives.photometry import common_view, dominant_shift_px, shrink, to_8_bit, to_gray
 from modules.primitives.rows import RowFit, fit_rows
+from modules.primitives.stuck import find_columns
 from modules.primitives.warp import row_alignment_map, warp
 from modules.types import Correspondences, DisparityRange, Image, Views
 
 Gray = NDArray[np.uint8]
+Indices = NDArray[np.int64]
 
 HISTOGRAM_PX = 90_000  # pixels that suffice for histograms
 SEARCH = (-0.25, 0.45)  # disparities of the coarse match as fractions of the width; negative: swapped or toed in
@@ -140,6 +142,12 @@ class Sample:
         """Noise of the luminance in the middle half of the rows, where detail is compared, left and right, dn."""
         height = self.shape[0]
         left, right = (estimate_noise_dn(gray[height // 4 : height - height // 4]) for gray in self.gray8)
+        return left, right
+
+    @cached_property
+    def lines(self) -> tuple[tuple[Indices, Indices], tuple[Indices, Indices]]:
+        """Rows and columns that stand out from both neighbours, left and right."""
+        left, right = ((find_columns(gray.T), find_columns(gray)) for gray in self.gray8)
         return left, right
 
     @cached_property

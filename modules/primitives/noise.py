@@ -20,9 +20,11 @@ LOW_BIAS = 0.93  # mean of |Laplacian| in the smoothest 15 % of pure-noise block
 USABLE_DN = (4.0, 250.0)  # block means beyond hold clipped or black pixels, which carry no noise
 LEAST_BLOCKS = 10
 LEVEL_GROUPS = 12  # of equally many blocks, by level; the smoothest blocks of each tell its noise
+LEAST_GROUPS = 4
 GROUP_BLOCKS = 12  # fewer blocks do not make a group
 LEVEL_SPAN_DN = 30.0  # between the darkest and the brightest group, or nothing can be said of the slope
 GROUP_ERROR = 0.15  # relative error of the variance of one group, texture included
+TEXTURE_ERROR = 0.25  # of the variance; even the smoothest blocks of a level may hold texture
 ROUNDING_DN2 = 1 / 12  # variance that rounding to levels adds; smaller differences mean nothing
 
 
@@ -96,7 +98,7 @@ def fit_noise_line(blocks: NoiseBlocks) -> NoiseLine | None:
     Returns
     -------
     NoiseLine or None
-        None where the levels span too little.
+        None where the levels span too little, or only texture is left.
 
     References
     ----------
@@ -104,7 +106,7 @@ def fit_noise_line(blocks: NoiseBlocks) -> NoiseLine | None:
     single-image raw-data, IEEE TIP 17(10), 2008.
     """
     count = min(LEVEL_GROUPS, blocks.level_dn.size // GROUP_BLOCKS)
-    if count < 4:
+    if count < LEAST_GROUPS:
         return None
     order = np.argsort(blocks.level_dn, kind="stable")
     groups = np.array_split(order, count)
@@ -113,16 +115,23 @@ def fit_noise_line(blocks: NoiseBlocks) -> NoiseLine | None:
     if np.ptp(level) < LEVEL_SPAN_DN:
         return None
     variance = (smooth / LOW_BIAS) ** 2
-    design = np.column_stack([np.ones_like(level), level])
+    floor, slope, errors = _line(level, variance)
+    while slope < -2 * errors[1]:  # light never lowers the variance: the darker groups hold texture
+        level, variance = level[1:], variance[1:]
+        if len(level) < LEAST_GROUPS or np.ptp(level) < LEVEL_SPAN_DN:
+            return None
+        floor, slope, errors = _line(level, variance)
+    return NoiseLine(floor, float(errors[0]), slope, float(errors[1]))
+
+
+def _line(level: Floats, variance: Floats) -> tuple[float, float, Floats]:
+    """Return the floor and the slope of the variance, and their standard errors."""
     weight = 1 / (GROUP_ERROR * variance + ROUNDING_DN2)
-    coefficients, covariance = _lower_line(design, variance, weight)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
-    return NoiseLine(float(coefficients[0]), float(sigma[0]), float(coefficients[1]), float(sigma[1]))
-
-
-def _lower_line(design: Floats, variance: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    coefficients, covariance, _ = fit_linear(design * weight[:, None], variance * weight, 1.0)
-    return coefficients, covariance
+    design = np.column_stack([np.ones_like(level), level]) * weight[:, None]
+    (floor, slope), covariance, _ = fit_linear(design, variance * weight, 1.0)
+    model = TEXTURE_ERROR * float(np.median(variance))
+    errors = np.hypot(np.sqrt(np.maximum(np.diag(covariance), 0)), [model, model / np.ptp(level)])
+    return float(floor), float(slope), errors
 
 
 def _blocks(strip: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -173,6 +173,8 @@ def lit_decisions(system: ExpertSystem) -> Iterator[Decision]:
     bright, dim = (image[:20].astype(float) for image in (left, right))
     red = np.stack([np.clip(dim + 40, 0, 255), dim, dim], axis=-1)
     yield system.decide(StereoPair(np.repeat(bright[..., None], 3, -1).astype(np.uint8), red.astype(np.uint8)))
+    bent = 255 * (right / 255.0) ** 1.6
+    yield system.decide(StereoPair(left, (bent * np.where(np.arange(WIDTH) < 130, 0.5, 1.0)).astype(np.uint8)))
     flat = texture(1, width=WIDTH)[:20] * 0.3 + np.linspace(0, 180, WIDTH)
     curve = (255 * (np.arange(256) / 255.0) ** 3).astype(np.uint8)
     yield system.decide(StereoPair(flat.astype(np.uint8), curve[flat.astype(np.uint8)]))
@@ -190,8 +192,19 @@ def faulty_decisions(system: ExpertSystem) -> Iterator[Decision]:
     blocks = cv2.imdecode(cv2.imencode(".jpg", right, [cv2.IMWRITE_JPEG_QUALITY, 12])[1], cv2.IMREAD_GRAYSCALE)
     for damaged in (stuck, stripes, smeared, blocks):
         yield system.decide(StereoPair(left, np.asarray(damaged, np.uint8)))
+    for light in np.broadcast_to(np.linspace(20, 220, WIDTH), (HEIGHT, WIDTH)), weak_scene():
+        photons = random.normal(light, np.sqrt(light)).clip(0, 255).astype(np.uint8)
+        yield system.decide(StereoPair(photons, photons))
+        yield system.decide(StereoPair(light.astype(np.uint8), light.astype(np.uint8)))
     fence = np.tile(np.rint(120 + 60 * np.sin(np.arange(WIDTH) / 3)).astype(np.uint8), (HEIGHT, 1))
     yield system.decide(StereoPair(fence, fence))
+
+
+def weak_scene() -> NDArray[np.float64]:
+    """Return a smooth bright sky over ground that is rippled along the rows."""
+    ripples = 90 + 50 * np.sin(np.arange(HEIGHT) / 2.0)
+    ripples[: HEIGHT // 3] = 220
+    return np.broadcast_to(ripples[:, None], (HEIGHT, WIDTH))
 
 
 def calibration_decisions(system: ExpertSystem) -> Iterator[Decision]:

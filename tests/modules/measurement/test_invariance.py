@@ -6,6 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from modules.formats.images import read_image
@@ -23,6 +25,8 @@ TOLERANCE = {
     "count": 0.1, "support_count": 0.2, "matched_fraction": 0.1, "entropy_bits": 0.05, "skewness": 0.06,
     "bimodality": 0.02, "row_repetition": 0.06, "coverage_fraction": 0.13, "gradient_deg": 30.0, "direction_deg": 30.0,
     "min_px": 2.0, "max_px": 2.0, "lines_difference": 1.0, "left_lines": 1.0, "right_lines": 1.0,
+    "anisotropy": 0.02, "row_blind_fraction": 0.02, "local_entropy_bits": 0.05, "shadow_fraction": 0.01,
+    "featureless_fraction": 0.01, "sky_fraction": 0.01, "cost": 0.03, "plain_cost": 0.03,
 }  # fmt: skip
 SKIPPED = {"width_px", "height_px", "megapixels", "bit_depth"}  # of the file itself
 RELATIVE = 0.08
@@ -50,16 +54,21 @@ def facts_of(views: Views) -> dict[tuple[str, ...], FactModel]:
     return found
 
 
-def padded(views: Views) -> Views:
-    borders = (17, 9, 30, 12)
-    mask = np.zeros((views.shape[0] + 26, views.shape[1] + 42), bool)
-    mask[17:-9, 30:-12] = True
+def padded(views: Views, top: int = 17, bottom: int = 9, left: int = 30, right: int = 12) -> Views:
+    borders = (top, bottom, left, right)
+    mask = cv2.copyMakeBorder(np.ones(views.shape, np.uint8), *borders, cv2.BORDER_CONSTANT, value=0) > 0
     images = [cv2.copyMakeBorder(x, *borders, cv2.BORDER_CONSTANT, value=(0, 0, 0)) for x in (views.left, views.right)]
     return Views(np.asarray(images[0], np.uint8), np.asarray(images[1], np.uint8), mask, mask)
 
 
-def cropped(views: Views) -> Views:
-    return Views(views.left[3:-2, 4:-3].copy(), views.right[3:-2, 4:-3].copy())
+def cropped(views: Views, top: int = 3, bottom: int = 2, left: int = 4, right: int = 3) -> Views:
+    part = slice(top, views.shape[0] - bottom), slice(left, views.shape[1] - right)
+    return Views(views.left[part].copy(), views.right[part].copy())
+
+
+def gray(views: Views) -> Views:
+    left, right = (np.asarray(cv2.cvtColor(x, cv2.COLOR_RGB2GRAY), np.uint8) for x in (views.left, views.right))
+    return Views(left, right)
 
 
 def deeper(views: Views) -> Views:
@@ -88,12 +97,41 @@ def differences(before: FactModel, after: FactModel) -> list[str]:
     return told
 
 
-@pytest.mark.parametrize("change", [padded, cropped, deeper], ids=lambda change: change.__name__)
-def test_facts_stay_within_their_uncertainty(change: Callable[[Views], Views]) -> None:
-    views = Views(*pair())
-    before, after = facts_of(views), facts_of(change(views))
+def check_same(before: dict[tuple[str, ...], FactModel], after: dict[tuple[str, ...], FactModel]) -> None:
     assert before.keys() == after.keys()
     assert [line for key in before for line in differences(before[key], after[key])] == []
+
+
+@pytest.fixture(scope="module")
+def views() -> Views:
+    return Views(*pair())
+
+
+@pytest.fixture(scope="module")
+def known(views: Views) -> dict[tuple[str, ...], FactModel]:
+    return facts_of(views)
+
+
+def test_every_probe_of_pairs_is_compared(known: dict[tuple[str, ...], FactModel]) -> None:
+    assert {key[0] for key in known} == {model.template for probe in PROBES for model in probe.templates}
+
+
+@pytest.mark.parametrize("change", [padded, cropped, deeper], ids=lambda change: change.__name__)
+def test_facts_stay_within_their_uncertainty(change: Callable[[Views], Views], views: Views, known) -> None:
+    check_same(known, facts_of(change(views)))
+
+
+@pytest.mark.parametrize("change", [padded, cropped, deeper], ids=lambda change: change.__name__)
+def test_facts_about_gray_pairs_stay_within_their_uncertainty(change: Callable[[Views], Views], views: Views) -> None:
+    check_same(facts_of(gray(views)), facts_of(change(gray(views))))
+
+
+@settings(max_examples=6)
+@given(change=st.sampled_from([padded, cropped]), borders=st.tuples(*4 * [st.integers(0, 6)]))
+def test_no_border_of_a_few_pixels_moves_a_fact_beyond_its_uncertainty(
+    change: Callable[..., Views], borders: tuple[int, int, int, int], views: Views, known
+) -> None:
+    check_same(known, facts_of(change(views, *borders)))
 
 
 @pytest.mark.parametrize("ending", ["tif", "bmp"])
