@@ -12,7 +12,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "expert")]
 import numpy as np  # noqa: E402
 from made_reports import EVIL, pair_images, record  # noqa: E402
 
-from benchmarks.batch_pairs import rendered, write_pairs  # noqa: E402
+from benchmarks.batch_pairs import SIZE, rendered, write_pairs  # noqa: E402
 from expert import ExpertSystem, StereoPair  # noqa: E402
 from expert.batch import Batch, Settings, find_pairs  # noqa: E402
 from expert.batch.page import write_page  # noqa: E402
@@ -39,7 +39,7 @@ def main(out: Path) -> None:
 
 
 def _run(out: Path) -> None:
-    made = rendered(1)
+    made = rendered(1, SIZE)
     views = distort_right(Views(made.left, made.right), "curve", 3)
     pair = StereoPair(
         views.left,
