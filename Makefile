@@ -134,7 +134,7 @@ docs: $(STAMP)  ## Build the documentation into site/, what is generated from th
 	@echo 'open site/index.html'
 
 .PHONY: browser
-browser: $(STAMP)  ## Test the pages of reports and batches in Chromium (needs Node.js 18 and Chromium; screenshots in build/browser)
+browser: docs  ## Test the pages of reports, batches and the documentation in Chromium (needs Node.js 18 and Chromium; screenshots in build/browser)
 	@tests/browser/prepare.sh
 	@$(BIN)/python tests/browser/make_pages.py build/browser
 	@cd tests/browser && node --test --test-reporter=spec *.test.mjs

@@ -108,16 +108,16 @@ def _rule(reference: Reference, rule: Rule) -> str:
     text += "**When**\n\n" + "".join(f"- {condition_text(item, words, base.thresholds)}\n" for item in rule.when)
     text += "\n**Then**\n\n" + "".join(f"- {action_text(item, base.thresholds)}\n" for item in rule.then)
     text += f"\n**Because** {' '.join(rule.because.split())}\n\n**References:** {'; '.join(rule.references)}\n\n"
-    text += "".join(f"- {line}\n" for line in _links_of(rule))
+    text += "".join(f"- {line}\n" for line in _links_of(rule, reference.operators))
     cases = [case for item in reference.cases if item.rule == rule.id for case, _ in item.cases]
     text += f"\n## Cases ({len(cases)})\n\n" + "".join(_case(case) for case in cases)
     return text
 
 
-def _links_of(rule: Rule) -> Iterator[str]:
+def _links_of(rule: Rule, known: Mapping[str, Operator]) -> Iterator[str]:
     """Yield what a rule speaks of, as links."""
     facts = {item.fact for item, _, _ in walk(rule) if isinstance(item, Comparison)}
-    operators = {name for action in rule.then for name, _, _ in named_operators(action, ())}
+    operators = {name for action in rule.then for name, _, _ in named_operators(action, ()) if name in known}
     for label, page, names in (
         ("Facts", "facts", facts),
         ("Findings asked for", "findings", asked_by(rule)),

@@ -1,7 +1,6 @@
 // Opens pages in Chromium, offline, and keeps account of what goes wrong in them.
 
-import {mkdirSync} from "node:fs";
-import {existsSync} from "node:fs";
+import {existsSync, mkdirSync} from "node:fs";
 import path from "node:path";
 import {fileURLToPath, pathToFileURL} from "node:url";
 import {chromium} from "playwright-core";
@@ -28,19 +27,19 @@ export async function stop() {
   await browser.close();
 }
 
-// Open a file; `trouble` collects console messages, uncaught errors, dialogs and requests beyond the page's own folder.
-export async function open(file, {width = 1200, height = 1600, dark = false} = {}) {
+// Open a file; `trouble` collects console messages, uncaught errors, dialogs and requests beyond the folder `home`.
+export async function open(file, {width = 1200, height = 1600, dark = false, home = path.dirname(file)} = {}) {
   const context = await browser.newContext({viewport: {width, height}, colorScheme: dark ? "dark" : "light", offline: true});
   const page = await context.newPage();
   page.setDefaultTimeout(15000);
-  const trouble = [], home = pathToFileURL(path.dirname(path.join(BUILD, file))).href;
+  const trouble = [], inside = pathToFileURL(path.join(BUILD, home)).href;
   page.on("console", message => {
     if (["error", "warning"].includes(message.type()) && !known(message.text())) trouble.push(`${message.type()}: ${message.text()}`);
   });
   page.on("pageerror", error => trouble.push(`uncaught: ${error.message}`));
   page.on("dialog", dialog => { trouble.push(`dialog: ${dialog.message()}`); dialog.dismiss(); });
   page.on("request", request => {
-    if (!/^(data|about|blob):/.test(request.url()) && !request.url().startsWith(home)) trouble.push(`request: ${request.url()}`);
+    if (!/^(data|about|blob):/.test(request.url()) && !request.url().startsWith(inside)) trouble.push(`request: ${request.url()}`);
   });
   await page.goto(pathToFileURL(path.join(BUILD, file)).href);
   return {page, trouble, close: () => context.close()};
