@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from expert import explain
+from expert.costs import Costs, measure_speed
 from expert.decision import Decision, Status
 from expert.engine import make_engine
 from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, StatedRover, Task, to_fact, vocabulary
@@ -47,6 +48,9 @@ class ExpertSystem:
         The two agree on every decision.
     time_budget_s, memory_budget_mb : float, optional
         Facts that rules read.
+    machine_speed : float, optional
+        Speed of this machine over the one that costs were measured on. Measured here where a time budget is given and
+        this is not: a decision by predicted costs is the same only at the same speed.
     rover : Rover, optional
         The vehicle that shall drive on the terrain; its size sets the limits of the traversability.
 
@@ -70,11 +74,19 @@ class ExpertSystem:
         *,
         time_budget_s: float | None = None,
         memory_budget_mb: float | None = None,
+        machine_speed: float | None = None,
         rover: Rover | None = None,
     ) -> None:
         self.profile = profile
         self._rover = None if rover is None else StatedRover(**asdict(rover))
-        self._task = Task(profile=profile, time_budget_s=time_budget_s, memory_budget_mb=memory_budget_mb)
+        if time_budget_s is not None and machine_speed is None:
+            machine_speed = measure_speed()
+        self._task = Task(
+            profile=profile,
+            time_budget_s=time_budget_s,
+            memory_budget_mb=memory_budget_mb,
+            machine_speed=None if time_budget_s is None else machine_speed,
+        )
         words = vocabulary(probes().values())
         loaded = load_rules([Path(path) for path in rules], words, operators(), probes())
         self._knowledge = Knowledge(loaded, make_engine(engine, words), operators(), probes())
@@ -163,13 +175,23 @@ class ExpertSystem:
 
     def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None, measured: Measured | None = None) -> Run:
         facts: dict[Fact, str | None] = {to_fact(model): None for model in self._stated(pair)}
-        run = Run(self._knowledge, Sample(pair.views, pair.given_range), facts)
+        run = Run(self._knowledge, Sample(pair.views, pair.given_range), facts, costs=self._costs(pair))
         run.memory = {} if measured is None else measured
         if progress is not None:
             run.progress = progress
         run.notes += pair.preparation.told(pair.valid_fraction)
         run.decide_measurement()
         return run
+
+    def _costs(self, pair: StereoPair) -> Costs | None:
+        """Return what predicts the costs of a pair, where a time budget is stated."""
+        if self._task.time_budget_s is None:
+            return None
+        rows, columns = pair.views.shape
+        known = self._knowledge
+        speed = self._task.machine_speed or 1.0
+        calibrated = pair.calibration is not None
+        return Costs(known.rules.base, known.operators, known.probes, rows * columns, columns, calibrated, speed)
 
     def _stated(self, pair: StereoPair) -> list[FactModel]:
         camera, attitude = pair.calibration, pair.attitude

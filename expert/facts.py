@@ -29,7 +29,19 @@ class Task(FactModel):
     profile: Literal["fast", "balanced", "best"] = quantity("Trade of accuracy against time", default="balanced")
     time_budget_s: float | None = quantity("CPU time one pair may take", unit="s", ge=0, default=None)
     memory_budget_mb: float | None = quantity("Memory matching may take", unit="mb", ge=0, default=None)
+    machine_speed: float | None = quantity(
+        "Speed of this machine over the one that costs were measured on; told with a time budget", ge=0, default=None
+    )
     range_given: bool = quantity("Whether the caller gave the disparity range", default=False)
+
+
+class PredictedCost(FactModel):
+    """CPU time that a step is predicted to take on this pair and machine; told where a time budget is stated."""
+
+    template: ClassVar[str] = "cost"
+    keys: ClassVar[tuple[str, ...]] = ("step",)
+    step: str = quantity("Operator or probe, or `always`: all that every plan takes")
+    cpu_s: float = quantity("Predicted CPU time", unit="s", ge=0, resolution=1e-4)
 
 
 class Rig(FactModel):
@@ -125,6 +137,7 @@ class Finding(FactModel):
 
 OWN_TEMPLATES: tuple[type[FactModel], ...] = (
     Task,
+    PredictedCost,
     Rig,
     MeasuredAttitude,
     StatedRover,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from expert.costs import ALWAYS, Costs
 from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
 from expert.facts import Fact, Failure, Planned, Vocabulary, to_fact, vocabulary
 from expert.facts import Trial as TrialFact
@@ -91,6 +92,7 @@ class Run:
     sample: Sample
     facts: dict[Fact, str | None]  # facts about the pair and the task, and the probe of each
     progress: Callable[[str], None] = field(default=lambda _: None)
+    costs: Costs | None = None  # where a time budget is stated
     measured: set[str] = field(default_factory=set)
     memory: Measured = field(default_factory=dict)
     concluded: dict[Stage, Firings] = field(default_factory=dict)
@@ -100,6 +102,7 @@ class Run:
     trials: list[TrialRecord] = field(default_factory=list)
     timings_s: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    given_up: list[FindingRecord] = field(default_factory=list)  # trials that did not fit the time budget
 
     # Measuring
 
@@ -142,7 +145,8 @@ class Run:
         if not self.knowledge.leaves_out:
             return set()
         with self.timed("inference"):
-            result = self.knowledge.engine.infer(self.knowledge.rules.base, "measurement", self.facts)
+            known = self.known("measurement")
+            result = self.knowledge.engine.infer(self.knowledge.rules.base, "measurement", known)
         return {action.exclude for action in self._actions(result) if isinstance(action, Exclude)}
 
     def measure_product(self, probe: Probe, product: Any) -> list[Fact]:
@@ -159,7 +163,7 @@ class Run:
 
     def known(self, stage: Stage) -> dict[Fact, str | None]:
         """Return the facts a stage starts from: the pair's, and what the stages before it found, ran and produced."""
-        facts = dict(self.facts)
+        facts = {**self.facts, **self.predicted()}
         for earlier in STAGES[: STAGES.index(stage)]:
             if earlier in self.concluded:
                 facts.update({fact: None for fact in self.concluded[earlier].facts if fact.template == "finding"})
@@ -167,6 +171,10 @@ class Run:
             if earlier in self.plans:
                 facts.update({to_fact(model): None for model in _planned(self.plans[earlier])})
         return facts
+
+    def predicted(self) -> dict[Fact, str | None]:
+        """Return the facts about the costs of steps; none where no time budget is stated."""
+        return {} if self.costs is None else self.costs.facts(self.facts)
 
     def infer(self, stage: Stage, extra: Mapping[Fact, str | None] | None = None) -> Firings:
         """Infer one stage; measure what its rules ask for and infer again until nothing more is asked."""
@@ -282,6 +290,8 @@ class Run:
             if configuration in tried:
                 break
             tried.add(configuration)
+            if attempts and not self._affords(plan, attempts):
+                break
             try:
                 product = self.execute(plan, state)
             except StepFailed as error:
@@ -303,6 +313,33 @@ class Run:
                 break
             directives = extended
         return self._keep(stage, attempts)
+
+    def _affords(self, plan: StagePlan, attempts: Sequence[Attempt]) -> bool:
+        """Say whether another trial is predicted to fit the time budget; one that does not becomes a finding."""
+        budget = next((f.numbers["time_budget_s"] for f in self.facts if "time_budget_s" in f.numbers), None)
+        if self.costs is None or budget is None:
+            return True
+        known = self.known(plan.stage)
+        steps = {fact.get("step"): fact.numbers["cpu_s"] for fact in self.predicted()}
+        spent = steps[ALWAYS] + sum(steps.get(name, 0.0) for name in self.measured if self._dear(name))
+        spent += sum(self.costs.of_plan(attempt.plan, known) for attempt in attempts)
+        needed = self.costs.of_plan(plan, known)
+        if spent + needed <= budget:
+            return True
+        self.given_up.append(
+            FindingRecord(
+                name="trial-given-up",
+                severity="minor",
+                sentence=f"another trial of the {plan.stage} was given up: it is predicted to take {needed:.2f} s, and of "
+                f"the time budget of {budget:g} s about {max(budget - spent, 0.0):.2f} s are left",
+                rules=(),
+                stage=plan.stage,
+            )
+        )
+        return False
+
+    def _dear(self, name: str) -> bool:
+        return self.knowledge.probes[name].tier != "cheap"
 
     def record_failure(self, plan: StagePlan, number: int, error: StepFailed) -> None:
         """Note that an operator of this plan failed; it becomes a trial and a finding."""
@@ -355,7 +392,7 @@ class Run:
     def findings(self) -> tuple[FindingRecord, ...]:
         """Return the findings, the most severe first."""
         derived = finding_records(self.knowledge.rules.base, self.concluded)
-        return tuple(sorted([*derived, *self._failures()], key=finding_rank))
+        return tuple(sorted([*derived, *self._failures(), *self.given_up], key=finding_rank))
 
     def _failures(self) -> list[FindingRecord]:
         """Return a finding per operator that failed: minor where another one fills its slot, else major."""
@@ -395,7 +432,7 @@ class Run:
 
     def fact_records(self) -> tuple[FactRecord, ...]:
         """Return all facts about the pair, the task and the products, in canonical order."""
-        facts = dict(self.facts)
+        facts = {**self.facts, **self.predicted()}
         for found in self.product_facts.values():
             facts.update(found)
         ordered = sorted(facts.items(), key=lambda item: repr(item[0]))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from modules.operator import Cost
 
 Tier = Literal["cheap", "medium", "dear"]
 Subject = Literal["pair", "disparity", "terrain"]
@@ -69,7 +71,9 @@ class Probe:
         Pure function from the subject to fact models: a `Sample` for pairs, a `Matching` for disparities, a `Scene`
         for terrain.
     tier : {"cheap", "medium", "dear"}
-        Cheap probes always run; the others when a rule asks (`measure:`).
+        Cheap probes run unless a rule leaves them out (`exclude:`), the others when a rule asks (`measure:`).
+    cost : Cost
+        CPU time model; without disparities.
     """
 
     name: str
@@ -78,3 +82,4 @@ class Probe:
     tier: Tier
     subject: Subject
     summary: str
+    cost: Cost = field(default_factory=Cost)

@@ -152,11 +152,11 @@ def measure(case: Case, pair: DatasetPair, views: Views, system: System, digest:
     """
     if pair.truth_px is None or pair.scored is None:
         raise ValueError(f"{pair.name} has no truth; leave it out")
-    before = _memory_mb("VmRSS") if _reset_peak() else None
+    before = memory_mb("VmRSS") if reset_peak() else None
     cpu, wall = time.process_time(), time.perf_counter()
     outcome = system.run(views, pair.ndisp)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    peak = _memory_mb("VmHWM") if before is not None else None
+    peak = memory_mb("VmHWM") if before is not None else None
     taken = None if peak is None or before is None else peak - before
     row = Row(
         case=case.key,
@@ -197,7 +197,7 @@ def _shares(decision: Decision) -> dict[str, float]:
     return shares
 
 
-def _reset_peak() -> bool:
+def reset_peak() -> bool:
     """Make the peak of the memory start anew; False where the platform cannot."""
     try:
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
@@ -206,7 +206,7 @@ def _reset_peak() -> bool:
     return True
 
 
-def _memory_mb(name: str) -> float | None:
+def memory_mb(name: str) -> float | None:
     try:
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith(name):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.primitives.statistics import (
     count_levels,
     fit_gain_offset,
@@ -108,4 +109,5 @@ PROBE = Probe(
     "cheap",
     "pair",
     "Fits gain and offset to the histograms of what both images see, and measures what they leave.",
+    cost=Cost(fixed_ms=1.6, ns_per_pixel=2.4),
 )

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from modules.measurement.sample import Gray, Sample
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 8  # of JPEG and MPEG
@@ -53,4 +54,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Measures the blocks of lossy compression.",
+    cost=Cost(fixed_ms=0.5, ns_per_pixel=2.5),
 )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.primitives.photometry import to_8_bit
 from modules.primitives.stuck import stand_out
 from modules.probe import FactModel, Probe, quantity
@@ -111,4 +112,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Counts stuck pixels and lines of the sensors.",
+    cost=Cost(fixed_ms=1.2, ns_per_pixel=4),
 )

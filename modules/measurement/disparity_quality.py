@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.disparity_agreement import gray_dn, photometric_agreement
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Disparity, DisparityRange, FloatImage, Image, Invalid, Mask, Matching
 
@@ -243,4 +244,5 @@ PROBE = Probe(
     tier="cheap",
     subject="disparity",
     summary="Counts what was matched and rejected, and why, and sums up the confidence to a no-reference score.",
+    cost=Cost(fixed_ms=1, ns_per_pixel=25),
 )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.primitives.coarse import CoarseMatch
 from modules.probe import FactModel, Probe, quantity
 
@@ -105,4 +106,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Takes the given range, or estimates it from sparse matches and a coarse dense match.",
+    cost=Cost(fixed_ms=0.2, ns_per_pixel=0),
 )

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.primitives.statistics import Floats, count_levels, entropy_bits, quantiles
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Side
@@ -83,4 +84,5 @@ PROBE = Probe(
     "cheap",
     "pair",
     "Describes the histograms of both images.",
+    cost=Cost(fixed_ms=1.3, ns_per_pixel=2),
 )

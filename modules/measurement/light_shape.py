@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 
 
@@ -88,4 +89,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Splits the light difference of corresponding points into vignetting, gradient and patches.",
+    cost=Cost(fixed_ms=4, ns_per_pixel=2.5),
 )

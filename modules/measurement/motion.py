@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from modules.measurement.sample import Gray, Indices, Sample
+from modules.operator import Cost
 from modules.primitives.statistics import Floats
 from modules.primitives.stuck import CLIPPED_DN
 from modules.probe import FactModel, Probe, quantity
@@ -82,5 +83,11 @@ def _tensor(gray: Gray, noise_dn: float, lines: tuple[Indices, Indices]) -> Floa
 
 
 PROBE = Probe(
-    "measurement.motion", (Motion,), measure_motion, "medium", "pair", "Compares the fine gradients by direction."
+    "measurement.motion",
+    (Motion,),
+    measure_motion,
+    "medium",
+    "pair",
+    "Compares the fine gradients by direction.",
+    cost=Cost(fixed_ms=2, ns_per_pixel=2),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 
 
@@ -25,5 +26,11 @@ def measure_noise(sample: Sample) -> list[Noise]:
 
 
 PROBE = Probe(
-    "measurement.noise", (Noise,), measure_noise, "cheap", "pair", "Estimates the noise from the smoothest blocks."
+    "measurement.noise",
+    (Noise,),
+    measure_noise,
+    "cheap",
+    "pair",
+    "Estimates the noise from the smoothest blocks.",
+    cost=Cost(fixed_ms=0.4, ns_per_pixel=1.6),
 )

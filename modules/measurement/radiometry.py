@@ -18,6 +18,7 @@ from modules.measurement._corresponding import (
     log_ratio,
 )
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.primitives.statistics import Floats, fit_linear, robust_sigma
 from modules.probe import FactModel, Probe, quantity
 
@@ -227,4 +228,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Compares the brightness of corresponding points: gain, offset, exponent, cast, and what each model leaves.",
+    cost=Cost(fixed_ms=7, ns_per_pixel=2),
 )

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.primitives.rows import RowModel, centre
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Correspondences
@@ -96,4 +97,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Fits a row offset, a roll and a row scale to sparse matches.",
+    cost=Cost(fixed_ms=10, ns_per_pixel=15),
 )

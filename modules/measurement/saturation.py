@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 
 HIGH_DN = 254  # lossy compression blurs 255 by a level
@@ -58,5 +59,11 @@ def measure_saturation(sample: Sample) -> list[Saturation]:
 
 
 PROBE = Probe(
-    "measurement.saturation", (Saturation,), measure_saturation, "cheap", "pair", "Counts clipped and black pixels."
+    "measurement.saturation",
+    (Saturation,),
+    measure_saturation,
+    "cheap",
+    "pair",
+    "Counts clipped and black pixels.",
+    cost=Cost(fixed_ms=0.2, ns_per_pixel=1),
 )

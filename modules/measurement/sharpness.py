@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 24
@@ -61,5 +62,11 @@ def measure_sharpness(sample: Sample) -> list[Sharpness]:
 
 
 PROBE = Probe(
-    "measurement.sharpness", (Sharpness,), measure_sharpness, "cheap", "pair", "Compares the fine detail of the images."
+    "measurement.sharpness",
+    (Sharpness,),
+    measure_sharpness,
+    "cheap",
+    "pair",
+    "Compares the fine detail of the images.",
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=2),
 )

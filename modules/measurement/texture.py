@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
+from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 
 WEAK_GRADIENT_DN = 1.5  # mean |dg/dx| at half size below which a matcher has little to go by
@@ -65,5 +66,11 @@ def _repetition(gray: NDArray[np.uint8]) -> float:
 
 
 PROBE = Probe(
-    "measurement.texture", (Texture,), measure_texture, "cheap", "pair", "Measures texture and repetition along rows."
+    "measurement.texture",
+    (Texture,),
+    measure_texture,
+    "cheap",
+    "pair",
+    "Measures texture and repetition along rows.",
+    cost=Cost(fixed_ms=0.6, ns_per_pixel=2),
 )
