@@ -27,7 +27,7 @@ from modules.formats.datasets import DatasetPair, read_index
 SCALES = (0.5, 1.0, 1.5)
 TIME_BUDGETS_S = (0.03, 0.05, 0.1, 0.2, 0.3)
 MEMORY_BUDGETS_MB = (20.0, 40.0, 80.0)
-TOO_SMALL = "budget-too-small"
+TOO_SMALL = {"budget-too-small", "memory-too-small"}
 MATCHERS = ("semi_global_match", "semi_global_block_match", "block_match")
 
 
@@ -63,7 +63,7 @@ def tried(system: ExpertSystem, pair: StereoPair, memory: bool) -> Outcome:
         taken = float("nan") if before is None or peak is None else peak - before
     names = {finding.name for finding in result.decision.findings}
     matcher = result.decision.operator("matching.matcher").rpartition(".")[2]
-    return Outcome(taken, matcher, TOO_SMALL in names, float(np.isfinite(result.disparity_px).mean()))
+    return Outcome(taken, matcher, bool(TOO_SMALL & names), float(np.isfinite(result.disparity_px).mean()))
 
 
 def tell(title: str, budget: float, outcomes: list[Outcome]) -> None:
