@@ -164,6 +164,10 @@ clean:  ## Remove the environment and everything that was built
 	rm -rf $(VENV) tests/browser/node_modules build dist site docs/generated demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+.PHONY: bench-budgets
+bench-budgets: $(STAMP)  ## Measure how often time and memory budgets are kept, and what they cost (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.budgets $(ARGS)
+
 .PHONY: bench-batch
 bench-batch: $(STAMP)  ## Measure long runs: throughput of 1 and 2 workers, overhead, 50 kills, growth over 5000 pairs
 	@$(BIN)/python -m benchmarks.batch $(ARGS)

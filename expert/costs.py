@@ -75,7 +75,9 @@ class Costs:
 
     def _always(self, disparities: int) -> float:
         costs = [DECISION, *(probe.cost for probe in self.probes.values() if _always_runs(probe))]
-        costs += [self.operators[slot.default].cost for slot in self.base.slots.get("matching", ()) if self._plain(slot)]
+        costs += [
+            self.operators[slot.default].cost for slot in self.base.slots.get("matching", ()) if self._plain(slot)
+        ]
         if self.calibrated:
             costs += [item.cost for item in self.operators.values() if item.stage == "reconstruction"]
         return sum(cost.seconds(self.pixels, disparities) for cost in costs)

@@ -22,7 +22,7 @@ def predicted(known: list[Fact], speed: float = 1.0, pixels: int = PIXELS) -> di
 
 def decided(budget: float, speed: float = 1.0) -> Decision:
     system = ExpertSystem(engine="compiled", time_budget_s=budget, machine_speed=speed)
-    return system.decide(shifted_pair(range_px=(0, 24)))
+    return system.decide(shifted_pair(disparity_range_px=(0, 24)))
 
 
 def findings(decision: Decision) -> set[str]:
@@ -33,7 +33,9 @@ def test_every_matcher_and_every_probe_of_the_pair_has_a_cost() -> None:
     steps = predicted([RANGE])
     matchers = {name for name, item in operators().items() if item.slot == "matcher"}
     assert matchers | {name for name, probe in probes().items() if probe.subject == "pair"} | {ALWAYS} <= set(steps)
-    assert steps["matching.block_match"] < steps["matching.semi_global_block_match"] < steps["matching.semi_global_match"]
+    assert (
+        steps["matching.block_match"] < steps["matching.semi_global_block_match"] < steps["matching.semi_global_match"]
+    )
 
 
 def test_costs_are_those_of_the_model_over_the_known_range() -> None:
@@ -48,7 +50,7 @@ def test_twice_the_speed_halves_every_cost() -> None:
 
 
 def test_a_generous_budget_changes_nothing() -> None:
-    free = ExpertSystem(engine="compiled").decide(shifted_pair(range_px=(0, 24)))
+    free = ExpertSystem(engine="compiled").decide(shifted_pair(disparity_range_px=(0, 24)))
     generous = decided(60.0)
     assert generous.plans == free.plans
     assert findings(generous) == findings(free)
