@@ -16,13 +16,13 @@ from typing import Any
 
 from expert.costs import ALWAYS, Costs
 from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
-from expert.facts import Fact, Failure, Planned, Vocabulary, to_fact, vocabulary
-from expert.facts import Trial as TrialFact
+from expert.facts import Fact, Vocabulary, to_fact, vocabulary
 from expert.firing import Engine, Firings
 from expert.plan import NONE, Directives, StagePlan, StepFailed, adjustments, execute, proposals, settle
 from expert.recorder import fact_record, finding_rank, finding_records, firing_records
 from expert.rules.load import LoadedRules
 from expert.rules.model import STAGES, Action, Exclude, Measure, Repair, Rule, Stage
+from expert.trials import Attempt, asks, given_up, planned_steps, trial_facts, trial_record
 from modules.measurement.sample import Sample
 from modules.operator import Operator, OperatorError
 from modules.probe import FactModel, Probe, Subject
@@ -63,25 +63,6 @@ Start = Callable[[Directives], Any]
 Measured = dict[
     str, tuple[FactModel, ...] | OperatorError
 ]  # of one pair, by probe; an error where it could not measure
-Earlier = tuple[Firings, StagePlan, Mapping[Fact, str | None]]
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """One trial that gave a product."""
-
-    number: int
-    plan: StagePlan
-    product: Any
-    found: Mapping[Fact, str | None]  # facts about the product, and their probes
-    assessed: Firings
-    earlier: Mapping[Stage, Earlier]  # what the stages before had concluded, run and produced
-    directives: Directives
-
-    @property
-    def score(self) -> float | None:
-        """The no-reference score of the product, where a probe gives one."""
-        return next((float(value) for fact in self.found if (value := fact.get("score")) is not None), None)
 
 
 @dataclass
@@ -169,7 +150,7 @@ class Run:
                 facts.update({fact: None for fact in self.concluded[earlier].facts if fact.template == "finding"})
             facts.update(self.product_facts.get(earlier, {}))
             if earlier in self.plans:
-                facts.update({to_fact(model): None for model in _planned(self.plans[earlier])})
+                facts.update({to_fact(model): None for model in planned_steps(self.plans[earlier])})
         return facts
 
     def predicted(self) -> dict[Fact, str | None]:
@@ -232,7 +213,7 @@ class Run:
         self, stage: Stage, directives: Directives | None = None, failed: frozenset[str] = frozenset()
     ) -> StagePlan:
         """Infer and settle one stage without running anything; `failed` operators are facts, and excluded."""
-        result = self.infer(stage, _trial_facts(stage, 1, failed))
+        result = self.infer(stage, trial_facts(stage, 1, failed))
         plan = self._settle(stage, result, directives or Directives(), failed)
         self.concluded[stage], self.plans[stage] = result, plan
         return plan
@@ -283,7 +264,7 @@ class Run:
             except StepFailed as error:
                 self.notes.append(f"{stage} trial {number} ended in an earlier stage: {error}")
                 break
-            extra = _trial_facts(stage, number, failed)
+            extra = trial_facts(stage, number, failed)
             result = self.infer(stage, extra)
             plan = self._settle(stage, result, directives, failed)
             configuration = (*(self.plans[s].configuration() for s in earlier if s in self.plans), plan.configuration())
@@ -308,7 +289,7 @@ class Run:
             attempt = Attempt(number, plan, product, found, assessed, before, directives)
             attempts.append(attempt)
             extended = self._extend(directives, attempt.assessed)
-            self.trials.append(_trial_record(stage, attempt, _asks(extended, directives), self.knowledge.words))
+            self.trials.append(trial_record(stage, attempt, asks(extended, directives), self.knowledge.words))
             if extended == directives:
                 break
             directives = extended
@@ -321,22 +302,12 @@ class Run:
             return True
         known = self.known(plan.stage)
         steps = {fact.get("step"): fact.numbers["cpu_s"] for fact in self.predicted()}
-        spent = steps[ALWAYS] + sum(steps.get(name, 0.0) for name in self.measured if self._dear(name))
-        spent += sum(self.costs.of_plan(attempt.plan, known) for attempt in attempts)
+        left = budget - steps[ALWAYS] - sum(steps.get(name, 0.0) for name in self.measured if self._dear(name))
+        left -= sum(self.costs.of_plan(attempt.plan, known) for attempt in attempts)
         needed = self.costs.of_plan(plan, known)
-        if spent + needed <= budget:
-            return True
-        self.given_up.append(
-            FindingRecord(
-                name="trial-given-up",
-                severity="minor",
-                sentence=f"another trial of the {plan.stage} was given up: it is predicted to take {needed:.2f} s, and of "
-                f"the time budget of {budget:g} s about {max(budget - spent, 0.0):.2f} s are left",
-                rules=(),
-                stage=plan.stage,
-            )
-        )
-        return False
+        if needed > left:
+            self.given_up.append(given_up(plan.stage, needed, left, budget))
+        return needed <= left
 
     def _dear(self, name: str) -> bool:
         return self.knowledge.probes[name].tier != "cheap"
@@ -382,7 +353,7 @@ class Run:
         state = start(both)
         plan = self.plan(stage, both)
         product = self.execute(plan, state)
-        extra = _trial_facts(stage, 1, frozenset())
+        extra = trial_facts(stage, 1, frozenset())
         planned = self.concluded[stage]
         self.product_facts[stage], self.concluded[stage] = self.assess(stage, extra, subject, product, planned)
         return product
@@ -437,35 +408,3 @@ class Run:
             facts.update(found)
         ordered = sorted(facts.items(), key=lambda item: repr(item[0]))
         return tuple(fact_record(fact, probe, self.knowledge.words) for fact, probe in ordered)
-
-
-def _trial_facts(stage: Stage, number: int, failed: frozenset[str]) -> dict[Fact, str | None]:
-    models: list[FactModel] = [TrialFact(number=number)]
-    models += [Failure(operator=name, stage=stage) for name in sorted(failed)]
-    return {to_fact(model): None for model in models}
-
-
-def _planned(plan: StagePlan) -> list[Planned]:
-    return [Planned(slot=f"{plan.stage}.{step.slot}", operator=step.operator) for step in plan.steps]
-
-
-def _trial_record(stage: Stage, attempt: Attempt, answer: str, words: Vocabulary) -> TrialRecord:
-    return TrialRecord(
-        stage=stage,
-        number=attempt.number,
-        plan=attempt.plan,
-        product_facts=tuple(fact_record(fact, probe, words) for fact, probe in sorted(attempt.found.items())),
-        score=attempt.score,
-        answer=answer or "accepted",
-    )
-
-
-def _asks(extended: Directives, before: Directives) -> str:
-    asked = [
-        f"try {candidate.operator} ({candidate.rule})"
-        for slot, candidates in extended.candidates.items()
-        for candidate in candidates[len(before.candidates.get(slot, ())) :]
-    ]
-    steps = extended.adjustments[len(before.adjustments) :]
-    asked += [f"change {step.operator} {step.parameter} ({step.rule})" for step in steps]
-    return "; ".join(asked)

@@ -207,6 +207,7 @@ def reset_peak() -> bool:
 
 
 def memory_mb(name: str) -> float | None:
+    """Return a figure of this process in MB, e.g. VmRSS or VmHWM; None where the platform does not tell."""
     try:
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith(name):
