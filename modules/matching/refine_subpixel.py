@@ -54,8 +54,8 @@ def refine_by_intensity(
     from modules.matching.kernels import refinement
 
     rows, columns = disparity.shape
-    wanted, target, slope, smooth, warped, warped_slope, refined = (
-        np.empty((rows, columns), np.float32) for _ in range(7)
+    wanted, target, slope, smooth, inside, warped, warped_slope, refined = (
+        np.empty((rows, columns), np.float32) for _ in range(8)
     )
     across = np.arange(columns, dtype=np.float32)
 
@@ -67,11 +67,12 @@ def refine_by_intensity(
         refinement.smooth_rows(current, radius, part.start, part.stop, smooth)
         down = np.repeat(np.arange(part.start, part.stop, dtype=np.float32)[:, None], columns, axis=1)
         at = across - smooth[part]
+        inside[part] = np.where((at >= -0.5) & (at <= columns - 0.5), smooth[part], np.float32(np.inf))
         warped[part] = cv2.remap(target, at, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         warped_slope[part] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def fit(part: slice) -> None:
-        refinement.fit_rows(wanted, warped, warped_slope, smooth, radius, part.start, part.stop, refined)
+        refinement.fit_rows(wanted, warped, warped_slope, smooth, inside, radius, part.start, part.stop, refined)
 
     def hold(part: slice) -> None:
         refined[part] = _held_at_ends(refined[part], disparity[part], search)

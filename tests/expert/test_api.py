@@ -42,9 +42,8 @@ def test_a_plane_is_reconstructed_at_its_disparity_and_depth(result: Result) -> 
     assert result.disparity_px.shape == (120, 160)
     found = np.isfinite(result.disparity_px)
     assert found[:, SHIFT_PX:].mean() > 0.95
-    # No pixel may be off by half a step; the interpolation between steps is right to a quarter of one off the border.
-    assert np.abs(result.disparity_px[found] - SHIFT_PX).max() < 0.5
-    assert np.quantile(np.abs(result.disparity_px[found] - SHIFT_PX), 0.999) < 0.25
+    # The interpolation between steps is right to a quarter of one, at the border too.
+    assert np.abs(result.disparity_px[found] - SHIFT_PX).max() < 0.25
     assert result.points is not None
     # Body x is forward: Z = f B / d.
     assert np.median(result.points.xyz_m[:, 0]) == pytest.approx(200.0 * 0.1 / SHIFT_PX, rel=0.01)
@@ -75,9 +74,10 @@ def test_decide_plans_every_stage_and_matches_nothing(system: ExpertSystem) -> N
     assert decision.operator("matching.refine") != ""
 
 
-def test_decide_and_reconstruct_plan_alike_where_nothing_is_repaired(system: ExpertSystem, result: Result) -> None:
-    decided = system.decide(shifted_pair(calibration=CALIBRATION, attitude=Attitude()))
-    assert decided.plans == result.decision.plans
+def test_decide_and_reconstruct_plan_alike_where_nothing_is_repaired(system: ExpertSystem) -> None:
+    # The map of a wall seen from the front has few cells; with seed 1 one of them stands alone and is repaired.
+    pair = shifted_pair(seed=2, calibration=CALIBRATION, attitude=Attitude())
+    assert system.decide(pair).plans == system.reconstruct(pair).decision.plans
 
 
 def test_a_decision_can_be_read_back_from_its_json(result: Result) -> None:
@@ -209,7 +209,7 @@ def test_every_kind_of_image_gives_the_same_disparity(system: ExpertSystem, kind
     result = system.reconstruct(StereoPair(left, right))
     found = np.isfinite(result.disparity_px)
     assert found[:, SHIFT_PX:].mean() > 0.95
-    assert np.quantile(np.abs(result.disparity_px[found] - SHIFT_PX), 0.999) < 0.25
+    assert np.abs(result.disparity_px[found] - SHIFT_PX).max() < 0.25
     result.save(tmp_path / "out")
     assert (tmp_path / "out" / "disparity.pfm").is_file()
 

@@ -56,6 +56,7 @@ def fit_rows(
     right: NDArray[np.float32],
     slope: NDArray[np.float32],
     disparity: NDArray[np.float32],
+    inside: NDArray[np.float32],
     radius: int,
     start: int,
     stop: int,
@@ -63,7 +64,8 @@ def fit_rows(
 ) -> None:
     """Fill rows of `out` with the disparity moved by one damped Gauss-Newton step.
 
-    Model in a window: left = gain (right - slope step) + offset, over the neighbours of similar disparity.
+    Model in a window: left = gain (right - slope step) + offset, over the neighbours of similar disparity whose match
+    lies inside the right image; beyond its border there is nothing to compare with.
 
     Parameters
     ----------
@@ -73,6 +75,8 @@ def fit_rows(
         Derivative of the right image there, DN/px.
     disparity : float32 (H, W)
         px.
+    inside : float32 (H, W)
+        The same, infinite where the match lies outside the right image.
     radius : int
         Half side of the window, px.
     start, stop : int
@@ -90,7 +94,7 @@ def fit_rows(
             for dx in range(-radius, radius + 1):
                 begin, end = max(0, -dx), min(columns, columns - dx)
                 d0, l0, r0 = disparity[y, begin:end], left[y, begin:end], right[y, begin:end]
-                d1 = disparity[yy, begin + dx : end + dx]
+                d1 = inside[yy, begin + dx : end + dx]
                 l1 = left[yy, begin + dx : end + dx]
                 r1 = right[yy, begin + dx : end + dx]
                 g1 = slope[yy, begin + dx : end + dx]
@@ -111,7 +115,7 @@ def fit_rows(
                     part[8, x] += a * c
                     part[9, x] += b * c
         for x in range(columns):
-            n = sums[0, x]
+            n = max(sums[0, x], one)  # nothing counts around a match outside the image
             aa = sums[4, x] - sums[1, x] * sums[1, x] / n
             bb = sums[5, x] - sums[2, x] * sums[2, x] / n
             cc = sums[6, x] - sums[3, x] * sums[3, x] / n

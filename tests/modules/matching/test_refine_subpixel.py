@@ -61,6 +61,18 @@ def test_no_disparity_moves_further_than_the_limits_even_where_nothing_fits() ->
     assert moved.max() <= refinement.SMOOTH_LIMIT + refinement.STEP_LIMIT + 1e-5
 
 
+def test_beside_the_border_of_the_right_image_what_lies_beyond_it_does_not_count() -> None:
+    scene = np.clip(np.rint(textured(40, 90)), 0, 255).astype(np.uint8)
+    views = Views(scene[:, :80].copy(), scene[:, 10:].copy())
+    truth = np.full((40, 80), 10, np.float32)
+    start = truth.copy()
+    start[:, :13] -= np.float32(0.3)  # as a curve through costs of windows that reach over the border errs
+    found = refined(views, start)
+    assert np.abs(found - truth)[:, 10:13].mean() < 0.1
+    elsewhere = np.abs(found - truth)[:, 20:]
+    assert elsewhere.max() < 0.01
+
+
 def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
     views, truth = slanted_pair()
     images = [np.asarray(image, np.float32) for image in (views.left, views.right)]
@@ -68,7 +80,7 @@ def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
     for bounds, out in (((0, 60),), whole), (((0, 13), (13, 60)), parts):
         for start, stop in bounds:
             refinement.smooth_rows(truth + np.float32(0.1), 2, start, stop, out[0])
-            refinement.fit_rows(images[0], images[1], images[1], truth, 2, start, stop, out[1])
+            refinement.fit_rows(images[0], images[1], images[1], truth, truth, 2, start, stop, out[1])
     np.testing.assert_array_equal(whole, parts)
 
 
