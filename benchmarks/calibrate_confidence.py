@@ -21,44 +21,46 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmarks.quality_runs import BAD_PX, CONFIGURATIONS
+from benchmarks.quality_runs import BAD_PX, PATCH, SHIFTED
 from modules.primitives.agreement import SCALES, UNKNOWN
+from modules.primitives.confidence import chance_factor
 
 Floats = NDArray[np.float64]
 Loss = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
 KINDS = tuple(SCALES)
 RISING = {  # whether more of it speaks for the disparity
-    "correlation": 1, "misfit": -1, "localisation": -1, "texture": 1,
-    "left_right": -1, "excess": 1, "roughness": -1, "support": 1, "density": 1,
+    "correlation": 1, "misfit": -1, "surprise": -1, "localisation": -1,
+    "left_right": -1, "excess": 1, "roughness": -1, "breaks": -1, "support": 1,
+    "agreement": 1,
 }  # fmt: skip
 NODES = {
     "correlation": (0, 60, 100, 140, 170, 200, 220, 235, 245, 254),
     "misfit": (0, 40, 70, 95, 115, 135, 155, 180, 254),
+    "surprise": (0, 40, 70, 100, 130, 160, 200, 254),
     "localisation": (0, 40, 70, 95, 120, 145, 170, 200, 254),
-    "texture": (0, 30, 60, 90, 120, 160, 200, 254),
     "left_right": (0, 10, 25, 50, 75, 100, 150, 254),
     "excess": (0, 10, 25, 50, 80, 120, 180, 254),
     "roughness": (0, 5, 12, 25, 50, 90, 150, 254),
+    "breaks": (0, 10, 31, 62, 110, 160, 210, 254),
     "support": (0, 60, 100, 140, 180, 210, 235, 254),
 }
 MAP_NODES = {
-    "correlation": (50, 100, 140, 170, 195, 215, 235, 250),
-    "misfit": (20, 60, 90, 110, 130, 150, 180, 210),
+    "agreement": (0.1, 0.25, 0.4, 0.55, 0.7, 0.8, 0.9, 0.97),
     "left_right": (0, 8, 16, 24, 32, 45),
-    "excess": (15, 30, 60, 100, 140, 180, 230),
     "roughness": (0, 3, 8, 15, 25, 40),
-    "support": (60, 110, 150, 190, 215, 235, 250),
-    "density": (0.0, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0),
+    "breaks": (0, 5, 15, 30, 60, 120),
 }
+NUMBERS = ("agreement", "over_chance", "density", "bad_percent", "wrong_percent")  # of a run, as they are kept
 TABLES = Path("modules/primitives/confidence_tables.py")
 MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 RIDGE = 1e-5  # keeps tables finite where no pixel decides
-NOT_PAIRS = ("unrelated", "periodic", "moved")  # kinds of runs that show no real pair
+NOT_PAIRS = ("unrelated", "periodic", "constant")  # kinds of runs whose images cannot match
 EXACT_WEIGHT = 0.25  # of a run of these pairs in the fit of the uncertainty, beside one of rendered terrain
-PER_RUN = 200  # pixels of each run that the fit sees
+PER_RUN = 100  # pixels of each run that the fit sees
 SIGMA_LIMIT_PX = 1.0  # larger errors are mismatches, of which the confidence speaks
-WEIGHTS = {"unrelated": 0.3, "terrain": 0.5, "moved": 4.0}  # of a run beside one of a development pair
+PATCHED_WEIGHT, SHIFTED_WEIGHT = 8.0, 1.0  # of a run with wrong patches, all wrong, beside one of a development pair
+TERRAIN_WEIGHT = 0.5
 EXACT = ("terrain", "motorcycle", "pipes", "playtable", "recycle")  # groups whose truth is finer than 0.1 px
 
 
@@ -74,7 +76,9 @@ class Runs:
     run : int32 (N,)
         The run that each pixel is of, rising.
     whole : float64 (R, kinds of MAP_NODES)
-        Mean code over the run's map, NaN where unknown; the density.
+        Mean code over the run's map, NaN where unknown.
+    factor : float64 (R,)
+        What the agreement over chance leaves of the confidence.
     density, bad, wrong : float64 (R,)
         Share of pixels with a disparity, 0-1; of scored pixels missing or wrong, of valid ones wrong, %.
     names : list of (case, kind, group, configuration)
@@ -84,6 +88,7 @@ class Runs:
     error_px: NDArray[np.float32]
     run: NDArray[np.int32]
     whole: Floats
+    factor: Floats
     density: Floats
     bad: Floats
     wrong: Floats
@@ -93,13 +98,27 @@ class Runs:
         """Return one part of the names."""
         return np.array([name[index] for name in self.names])
 
+    @property
+    def patched(self) -> NDArray[np.bool_]:
+        """Which runs have wrong patches."""
+        return np.char.startswith(self.column(3), PATCH)
+
+    @property
+    def hopeless(self) -> NDArray[np.bool_]:
+        """Which runs are of images that cannot match."""
+        return np.isin(self.column(1), NOT_PAIRS)
+
+    @property
+    def terrain(self) -> NDArray[np.bool_]:
+        """Which runs are of rendered terrain."""
+        return np.char.startswith(self.column(2), "terrain")
+
     def weights(self) -> Floats:
-        """Return the weight of each run in the fit; patterns that repeat are no part of it."""
-        kind, group = self.column(1), self.column(2)
-        found = np.where(kind == "unrelated", WEIGHTS["unrelated"], 1.0)
-        found[kind == "moved"] = WEIGHTS["moved"]
-        found[np.char.startswith(group, "terrain")] = WEIGHTS["terrain"]
-        found[kind == "periodic"] = 0.0
+        """Return the weight of each run in the fit; images that cannot match are no part of it."""
+        found = np.where(self.patched, PATCHED_WEIGHT, 1.0)
+        found[np.char.endswith(self.column(3), SHIFTED)] = SHIFTED_WEIGHT
+        found[self.terrain] *= TERRAIN_WEIGHT
+        found[self.hopeless] = 0.0
         return found
 
 
@@ -111,21 +130,22 @@ def read_runs(cache: Path) -> Runs:
         raise SystemExit(f"{cache} holds no runs; make them with python -m benchmarks.quality_runs")
     for file in files:
         with np.load(file) as kept:
-            for configuration in CONFIGURATIONS:
-                if f"{configuration}/codes" not in kept:
-                    continue
+            for configuration in [key.removesuffix("/codes") for key in kept.files if key.endswith("/codes")]:
                 valid = kept[f"{configuration}/valid"]
                 found = kept[f"{configuration}/codes"][:, valid]
                 codes.append(found)
                 errors.append(kept[f"{configuration}/error_px"][valid])
                 runs.append(np.full(found.shape[1], len(names), np.int32))
-                numbers = [float(kept[f"{configuration}/{key}"]) for key in ("density", "bad_percent", "wrong_percent")]
-                facts.append((*mean_codes(found), valid.mean(), *numbers))
+                numbers = [float(kept[f"{configuration}/{key}"]) for key in NUMBERS]
+                facts.append((*mean_codes(found), *numbers))
                 names.append((file.stem.split("-")[0], str(kept["kind"]), str(kept["group"]), configuration))
     table = np.array(facts)
-    pixel_share, density, bad, wrong = table[:, len(KINDS) :].T
-    whole = np.column_stack([density if k == "density" else table[:, KINDS.index(k)] for k in MAP_NODES])
-    return Runs(np.hstack(codes), np.concatenate(errors), np.concatenate(runs), whole, pixel_share, bad, wrong, names)
+    agreement, over_chance, density, bad, wrong = table[:, len(KINDS) :].T
+    factor = np.array([chance_factor(None if np.isnan(value) else value) for value in over_chance])
+    whole = np.column_stack([agreement if kind == "agreement" else table[:, KINDS.index(kind)] for kind in MAP_NODES])
+    return Runs(
+        np.hstack(codes), np.concatenate(errors), np.concatenate(runs), whole, factor, density, bad, wrong, names
+    )
 
 
 def mean_codes(codes: NDArray[np.uint8]) -> list[float]:
@@ -208,14 +228,14 @@ def predict(runs: Runs, pixels: NDArray[np.int64], w: Floats) -> Floats:
     """Return the confidence of pixels."""
     split = 1 + len(limits(NODES))
     odds = pixel_design(runs.codes[:, pixels]) @ w[:split] + (map_design(runs.whole) @ w[split:])[runs.run[pixels]]
-    return 1 / (1 + np.exp(-odds.astype(np.float64)))
+    return runs.factor[runs.run[pixels]] / (1 + np.exp(-odds.astype(np.float64)))
 
 
 def fit_sigma(runs: Runs, pixels: NDArray[np.int64]) -> Floats:
     """Return the weights of the tables of uncertainty: those of maps with known excess, then those without."""
     codes, run = runs.codes[:, pixels], runs.run[pixels]
     error = np.log2(np.maximum(np.abs(runs.error_px[pixels]), 1e-3) / MEDIAN_OF_NORMAL)
-    share = np.where(np.char.startswith(runs.column(2), "terrain"), 1.0, EXACT_WEIGHT)
+    share = np.where(runs.terrain, 1.0, EXACT_WEIGHT)
     weight = (share / np.maximum(np.bincount(run, minlength=len(runs.names)), 1))[run]
     bounds = [(None, None), *limits(NODES)]
     known = codes[KINDS.index("excess")] != UNKNOWN
@@ -226,9 +246,8 @@ def fit_sigma(runs: Runs, pixels: NDArray[np.int64]) -> Floats:
 
 def exact(runs: Runs) -> NDArray[np.bool_]:
     """Return which pixels have a right match and a truth that is fine enough to tell its error."""
-    group, kind = runs.column(2), runs.column(1)
-    fine = np.isin(group, EXACT) | np.char.startswith(group, "terrain")
-    return (fine & ~np.isin(kind, NOT_PAIRS))[runs.run] & (np.abs(runs.error_px) < SIGMA_LIMIT_PX)
+    fine = np.isin(runs.column(2), EXACT) | runs.terrain
+    return (fine & ~runs.hopeless & ~runs.patched)[runs.run] & (np.abs(runs.error_px) < SIGMA_LIMIT_PX)
 
 
 def left_out(runs: Runs, wanted: NDArray[np.bool_], folds: int, train: Callable, use: Callable) -> Floats:
@@ -273,42 +292,49 @@ def show_sigma(name: str, relative: Floats) -> None:
 
 def report(runs: Runs, confidence: Floats, sigma: Floats) -> None:
     """Print how predictions for scenes left out agree with their errors."""
-    kind, group, configuration = (runs.column(index)[runs.run] for index in (1, 2, 3))
+    kind = runs.column(1)
     known, good = ~np.isnan(runs.error_px), np.abs(runs.error_px) <= BAD_PX
-    terrain = np.char.startswith(group, "terrain")
-    pairs = ~np.isin(kind, NOT_PAIRS) & ~terrain
-    own = np.char.find(configuration, "sgm") >= 0
+    pairs = ~runs.hopeless & ~runs.patched & ~runs.terrain
+    own = np.char.find(runs.column(3), "robust") >= 0
     print("confidence, scenes left out")
-    for name, chosen in (("pairs", pairs), ("pairs, sgm", pairs & own), ("terrain", terrain)):
-        show_reliability(name, confidence[known & chosen], good[known & chosen])
-    for name in sorted(set(kind[pairs])):
-        show_reliability(name, confidence[known & pairs & (kind == name)], good[known & pairs & (kind == name)])
-    print(
-        "by the limit of the confidence: wrong among valid and valid of matched, pairs; pixels of unrelated images kept"
-    )
-    for limit in (0.0, 0.15, 0.25, 0.35, 0.5):
-        kept = np.bincount(runs.run, confidence >= limit, minlength=len(runs.names)) / np.maximum(
-            np.bincount(runs.run, minlength=len(runs.names)), 1
-        )
-        shares = (kept * runs.density)[runs.column(1) == "unrelated"]
-        stays = known & pairs & own & (confidence >= limit)
-        wrong, share = np.mean(~good[stays]), stays.sum() / np.count_nonzero(known & pairs & own)
-        print(
-            f"  {limit:.2f}: wrong {100 * wrong:.2f} %, kept {100 * share:.1f} %; "
-            f"unrelated at most {100 * shares.max():.1f} %, mean {100 * shares.mean():.2f} %"
-        )
+    chosen = {"pairs": pairs, "pairs, robust": pairs & own, "terrain": runs.terrain & ~runs.patched}
+    chosen |= {name: pairs & (kind == name) for name in sorted(set(kind[pairs]))}
+    chosen["wrong patches"] = runs.patched & ~runs.terrain
+    for name, which in chosen.items():
+        use = known & which[runs.run]
+        show_reliability(name, confidence[use], good[use])
+    print("by the limit of the confidence: of the pairs, of the wrong patches, of images that cannot match")
+    for limit in (0.0, 0.15, 0.25, 0.35, 0.5, 0.7):
+        show_limit(runs, confidence >= limit, pairs & own, limit)
     print("uncertainty, scenes left out")
     with np.errstate(invalid="ignore"):
         right = exact(runs)
         relative = runs.error_px / sigma
-    for name, chosen in (
-        ("terrain, sgm", terrain & own),
-        ("terrain, cv", terrain & ~own),
-        ("pairs, sgm", ~terrain & own),
+    terrain, own = runs.terrain[runs.run], own[runs.run]
+    for name, which in (
+        ("terrain, robust", terrain & own),
+        ("terrain, other", terrain & ~own),
+        ("pairs, robust", ~terrain & own),
     ):
-        show_sigma(name, relative[right & chosen])
-    for name in sorted(set(kind[terrain])):
-        show_sigma(name, relative[right & terrain & own & (kind == name)])
+        show_sigma(name, relative[right & which])
+    for name in sorted(set(kind[runs.terrain])):
+        show_sigma(name, relative[right & terrain & own & (kind == name)[runs.run]])
+
+
+def show_limit(runs: Runs, kept: NDArray[np.bool_], pairs: NDArray[np.bool_], limit: float) -> None:
+    """Print what a limit keeps of right and wrong pixels."""
+    known, good = ~np.isnan(runs.error_px), np.abs(runs.error_px) <= BAD_PX
+    of_pairs, of_patched = known & pairs[runs.run], known & runs.patched[runs.run]
+    count = len(runs.names)
+    share = np.bincount(runs.run, kept, minlength=count) / np.maximum(np.bincount(runs.run, minlength=count), 1)
+    hopeless = (100 * share * runs.density)[runs.hopeless]
+    print(
+        f"  {limit:.2f}: pairs, robust: wrong {100 * np.mean(~good[of_pairs & kept]):.2f} % of valid, "
+        f"kept {100 * np.mean(kept[of_pairs]):.1f} %; "
+        f"patches: {100 * np.mean(~kept[of_patched & ~good]):.1f} % of wrong and "
+        f"{100 * np.mean(~kept[of_patched & good]):.1f} % of right rejected; "
+        f"hopeless: at most {hopeless.max():.1f} % kept, mean {hopeless.mean():.2f} %"
+    )
 
 
 def tables_of(w: Floats, nodes: dict[str, tuple[float, ...]]) -> dict[str, tuple[tuple, tuple, float]]:
@@ -336,8 +362,7 @@ def write_tables(runs: Runs, confidence: Floats, sigma: Floats) -> None:
         '"""Tables of confidence and uncertainty; written by `python -m benchmarks.calibrate_confidence --write`.',
         "",
         "Per kind of evidence: codes, what they contribute, and what missing evidence contributes. `PIXEL` and `MAP`",
-        "are in log odds, `SIGMA` in log2 px, for maps whose matcher knows the excess or not. The density of `MAP` is",
-        "a share, not a code.",
+        "are in log odds, `SIGMA` in log2 px, for maps whose matcher knows the excess or not.",
         f"Fitted to {len(runs.names)} runs of {len(set(runs.column(2)))} groups of scenes.",
         '"""',
         "",

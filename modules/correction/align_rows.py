@@ -61,7 +61,8 @@ def align_rows(views: Views, params: AlignRowsParams) -> Views:
     if views.right_mask is not None:
         kept, _ = warp(views.right_mask.astype(np.uint8) * np.uint8(255), x_px, y_px)
         inside &= kept > 127
-    return Views(views.left, right, views.left_mask, inside, _move(views, model))
+    unchanged = views.unchanged and (views.unchanged[0], warp(views.unchanged[1], x_px, y_px)[0])
+    return Views(views.left, right, views.left_mask, inside, _move(views, model), unchanged)
 
 
 def _move(views: Views, model: RowModel) -> Correspondences | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from pydantic import Field
@@ -53,7 +55,7 @@ def mask_featureless(views: Views, params: MaskFeaturelessParams) -> Views:
     usable = np.asarray(square - mean * mean >= params.contrast_dn**2)
     if views.left_mask is not None:
         usable &= views.left_mask
-    return Views(views.left, views.right, usable, views.right_mask, views.correspondences)
+    return replace(views, left_mask=usable)
 
 
 OPERATOR = Operator(

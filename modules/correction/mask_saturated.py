@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import cv2
@@ -46,7 +47,7 @@ def mask_saturated(views: Views, params: MaskSaturatedParams) -> Views:
         left &= views.left_mask
     if views.right_mask is not None:
         right &= views.right_mask
-    return Views(views.left, views.right, left, right, views.correspondences)
+    return replace(views, left_mask=left, right_mask=right)
 
 
 def _usable(image: Image, params: MaskSaturatedParams) -> Mask:

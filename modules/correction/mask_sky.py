@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pydantic import Field
 
 from modules.correction._shared import check_pair
@@ -47,7 +49,7 @@ def mask_sky(views: Views, params: MaskSkyParams) -> Views:
     usable = ~find_sky(to_8_bit(to_gray(views.left)), params.texture_dn, params.brighter_dn)
     if views.left_mask is not None:
         usable &= views.left_mask
-    return Views(views.left, views.right, usable, views.right_mask, views.correspondences)
+    return replace(views, left_mask=usable)
 
 
 OPERATOR = Operator(

@@ -50,10 +50,10 @@ def check_minimum(state: Matching, params: CheckMinimumParams) -> Matching:
     International Archives of Photogrammetry 25(3), 1984.
     """
     disparity = require_disparity(state, "matching.check_minimum")
-    evidence = gather_evidence(state.views.left, state.views.right, disparity)
+    evidence = gather_evidence(state.views.left, state.views.right, disparity, None)
     low, high = SCALES["localisation"]
     limit = (np.log2(params.largest_shift_px) - low) / (high - low) * LAST_CODE
-    where = evidence.valid & (evidence.codes["localisation"] > limit)
+    where = evidence.valid & (evidence.codes("localisation") > limit)
     return replace(state, disparity=disparity.reject(where, Invalid.FLAT_MINIMUM))
 
 

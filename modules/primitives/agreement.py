@@ -10,16 +10,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from modules.primitives.chance import agreement_over_chance
 from modules.primitives.photometry import to_8_bit, to_gray
-from modules.types import Disparity, FloatImage, Image, Invalid, Mask
+from modules.types import Disparity, DisparityRange, FloatImage, Image, Invalid, Mask
 
 Codes = NDArray[np.uint8]
 
-WINDOW_PX = 9  # side of the window in which intensities are compared
+STEP = 2  # intensities are compared on every second row and column: their windows reach over more than that
+WINDOW = 5  # side of the window in which intensities are compared, on that grid
 NEIGHBOURHOOD_PX = 15  # side of the window in which valid neighbours are counted
 SURFACE_PX = 5  # side of the window in which neighbouring disparities are compared
+BREAK_PX = 1.0  # neighbouring disparities that differ by more do not belong to one surface
 NOISE_VARIANCE = 1.0  # of gray levels after rounding and a good sensor's noise, DN^2
 LEAST_SLOPE = 0.05  # square of the horizontal gradient below which nothing is localised, (DN/px)^2
+QUARTER = 25  # percentile of the differences over the map that right matches are taken to have
+MOST_NOISE = 1.0  # most of the difference that is taken for noise, over the noise of both images
+MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
+SHIFT_VARIANCE = 0.04  # of right matches, by rounding and subpixel errors, px^2
 IMPOSSIBLE = Invalid.MASKED | Invalid.SKY | Invalid.OUTSIDE  # reasons that say nothing about the match
 UNKNOWN = 255  # code of evidence that is missing
 LAST_CODE = 254
@@ -29,11 +36,12 @@ SCALES = MappingProxyType(
     {
         "correlation": (-0.27, 1.0),
         "misfit": (-6.0, 2.0),  # log2
+        "surprise": (-2.0, 6.0),  # log2
         "localisation": (-7.0, 3.0),  # log2 of px
-        "texture": (-2.0, 6.0),  # log2 of DN/px
         "left_right": (0.0, 2.54),  # px
         "excess": (0.0, 1.27),
         "roughness": (0.0, 2.54),  # px
+        "breaks": (0.0, 1.0),
         "support": (0.0, 1.0),
     }
 )
@@ -45,25 +53,48 @@ class Evidence:
 
     Attributes
     ----------
-    codes : dict from kind to uint8 (H, W)
-        0 to 254 over the values of `SCALES`, 255 where unknown. `correlation` of the windows around the pixel and its
-        match; `misfit`, the mean square difference of the nearest pixels after both windows are brought to one mean and
-        contrast; `localisation`, the standard deviation in px by which noise of the size of their difference shifts a
-        match on this texture; `texture`, the root mean square of the horizontal gradient; `left_right`, the difference
-        from the disparity of the match; `excess` of the second best cost; `roughness`, the distance from the mean of
-        the neighbouring disparities; `support`, the share of valid pixels around.
+    coarse : dict from kind to uint8 (ceil(H / 2), ceil(W / 2))
+        Codes of what the images say around every second pixel: 0 to 254 over the values of `SCALES`. `correlation` of
+        the windows around the pixel and its match; `misfit`, the mean square difference of the nearest pixels after
+        both windows are brought to one mean and contrast; `surprise`, the difference of the windows over that of the
+        better part of the map; `localisation`, the standard deviation in px by which noise of the size of their
+        difference shifts a match on this texture.
+    fine : dict from kind to uint8 (H, W)
+        Codes of what the disparities say, 255 where unknown. `left_right`, the difference from the disparity of the
+        match; `excess` of the second best cost; `roughness`, the distance from the mean of the neighbouring
+        disparities; `breaks`, the share of neighbours around that differ by more than 1 px; `support`, the share of
+        valid pixels around.
     valid : bool (H, W)
         Pixels with a disparity whose match lies in the right image. Codes mean something only there.
     density : float
         Valid pixels over those that could be: neither masked nor sky nor matched outside the right image.
+    agreement : float or None
+        Mean correlation over the map, by the contrast of the windows: what is flat neither agrees nor disagrees. None
+        where nothing is valid.
+    over_chance : float or None
+        How much better the pair matches than one whose right image is upside down (`agreement_over_chance`).
     """
 
-    codes: dict[str, Codes]
+    coarse: dict[str, Codes]
+    fine: dict[str, Codes]
     valid: Mask
     density: float
+    agreement: float | None
+    over_chance: float | None
+
+    def codes(self, kind: str) -> Codes:
+        """Return the codes of one kind for every pixel, uint8 (H, W)."""
+        return self.fine[kind] if kind in self.fine else spread(self.coarse[kind], self.valid.shape)
 
 
-def gather_evidence(left: Image, right: Image, disparity: Disparity) -> Evidence:
+def spread(coarse: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Give every pixel of an image of `shape` the value of its pixel on the coarse grid."""
+    rows, columns = coarse.shape
+    grown = cv2.resize(coarse, (STEP * columns, STEP * rows), interpolation=cv2.INTER_NEAREST)
+    return grown[: shape[0], : shape[1]]
+
+
+def gather_evidence(left: Image, right: Image, disparity: Disparity, search: DisparityRange | None) -> Evidence:
     """Gather the evidence for each disparity of a map.
 
     Parameters
@@ -71,66 +102,97 @@ def gather_evidence(left: Image, right: Image, disparity: Disparity) -> Evidence
     left, right : (H, W) or (H, W, 3), uint8 or uint16
         The images that were matched.
     disparity : Disparity
+    search : DisparityRange or None
+        What was searched; None where that is not known, and then whether the pair matches at all is not asked.
 
     References
     ----------
     X. Hu and P. Mordohai, A quantitative evaluation of confidence measures for stereo vision, IEEE TPAMI 34(11), 2012.
     """
-    one, other = (
-        np.asarray(cv2.GaussianBlur(to_8_bit(to_gray(image)), (3, 3), 0), np.uint8) for image in (left, right)
-    )
-    rows, columns = one.shape
+    one, other = (to_8_bit(to_gray(image)) for image in (left, right))
+    over_chance = None if search is None else agreement_over_chance(one, other, search.min_px, search.max_px)
     values = disparity.disparity_px
+    rows, columns = values.shape
     column = np.arange(columns, dtype=np.float32) - values
     with np.errstate(invalid="ignore"):
         valid = (column >= -0.5) & (column <= columns - 0.5)
     column[~valid] = -1.0
     row = np.repeat(np.arange(rows, dtype=np.float32)[:, None], columns, axis=1)
-    weight = valid.astype(np.uint8)
-    warped = np.asarray(cv2.remap(other, column, row, cv2.INTER_LINEAR), np.uint8)
-    codes = _photometric(one, warped, weight)
-    codes |= _geometric(values, valid, weight)
-    codes["left_right"] = _left_right(disparity, column, row, valid)
-    codes["excess"] = (
+    coarse, agreement = _photometric(one, other, column, row, valid)
+    fine = _geometric(values, valid)
+    fine["left_right"] = _left_right(disparity, column, row, valid)
+    fine["excess"] = (
         np.full(values.shape, UNKNOWN, np.uint8) if disparity.excess is None else _code(disparity.excess, "excess")
     )
     possible = int(np.count_nonzero(valid | ((disparity.validity & np.uint16(IMPOSSIBLE)) == 0)))
-    return Evidence(codes, valid, int(np.count_nonzero(valid)) / max(possible, 1))
+    return Evidence(coarse, fine, valid, int(np.count_nonzero(valid)) / max(possible, 1), agreement, over_chance)
 
 
-def _photometric(one: Codes, other: Codes, weight: Codes) -> dict[str, Codes]:
+def _photometric(
+    left: Codes, right: Codes, column: FloatImage, row: FloatImage, valid: Mask
+) -> tuple[dict[str, Codes], float | None]:
     """Compare the left image with the right one sampled at its matches, in windows of valid pixels."""
-    one, other = one * weight, other * weight
-    count = np.maximum(_box(weight), np.float32(1.0))
-    share = np.float32(1.0) / count
+    some = (slice(None, None, STEP), slice(None, None, STEP))
+    smooth = [np.asarray(cv2.GaussianBlur(image, (3, 3), 0), np.uint8) for image in (left, right)]
+    warped = np.asarray(cv2.remap(smooth[1], column[some], row[some], cv2.INTER_LINEAR), np.uint8)
+    weight = valid[some].astype(np.uint8)
+    one, other = smooth[0][some] * weight, warped * weight
+    share = np.float32(1.0) / np.maximum(_box(weight), np.float32(1.0))
     mean_one, mean_other = _box(one) * share, _box(other) * share
-    spread_one = np.maximum(_box_of_squares(one) * share - mean_one * mean_one, 0.0)
-    spread_other = np.maximum(_box_of_squares(other) * share - mean_other * mean_other, 0.0)
+    noise = np.float32(NOISE_VARIANCE)
+    spread_one = np.maximum(_box_of_squares(one) * share - mean_one * mean_one, 0.0) + noise
+    spread_other = np.maximum(_box_of_squares(other) * share - mean_other * mean_other, 0.0) + noise
     product = cv2.multiply(one, other, dtype=cv2.CV_32F)
     covariance = _box(product) * share - mean_one * mean_other
-    noise = np.float32(NOISE_VARIANCE)
-    correlation = covariance / np.sqrt((spread_one + noise) * (spread_other + noise))
-    centred = (one - mean_one) / np.sqrt(spread_one + noise) - (other - mean_other) / np.sqrt(spread_other + noise)
+    correlation = covariance / np.sqrt(spread_one * spread_other)
+    centred = (one - mean_one) / np.sqrt(spread_one) - (other - mean_other) / np.sqrt(spread_other)
     misfit = cv2.boxFilter(centred * centred, cv2.CV_32F, (3, 3), borderType=cv2.BORDER_REFLECT_101)
-    slope = cv2.Sobel(one, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    slope = cv2.Sobel(smooth[0], cv2.CV_16S, 1, 0, ksize=1)[some].astype(np.float32) * (np.float32(0.5) * weight)
     energy = _box(slope * slope) * share
-    difference = np.maximum(1.0 - np.maximum(correlation, 0.0), 0.0) * (spread_one + noise) + 0.1 * noise
-    shift = np.float32(0.5) * np.log2(difference * share / (energy + np.float32(LEAST_SLOPE)))
-    return {
+    difference = np.maximum(1.0 - np.maximum(correlation, 0.0), 0.0) * spread_one + 0.1 * noise
+    known = difference[weight.astype(bool)]
+    most = np.float32(MOST_NOISE * (_noise_variance(left) + _noise_variance(right)) + NOISE_VARIANCE)
+    usual = np.float32(np.percentile(known[:: max(1, known.size // 4096)], QUARTER)) if known.size else noise
+    surprise = difference / (min(usual, most) + np.float32(SHIFT_VARIANCE) * energy)
+    shift = difference * share / (energy + np.float32(LEAST_SLOPE))
+    codes = {
         "correlation": _code(correlation, "correlation"),
         "misfit": _code(np.log2(misfit + np.float32(2.0**-7)), "misfit"),
-        "localisation": _code(shift, "localisation"),
-        "texture": _code(np.float32(0.5) * np.log2(energy + np.float32(LEAST_SLOPE)), "texture"),
+        "surprise": _code(np.log2(surprise), "surprise"),
+        "localisation": _code(np.float32(0.5) * np.log2(shift), "localisation"),
     }
+    contrast = np.sqrt(spread_one) * weight
+    total = float(contrast.sum())
+    return codes, float((contrast * np.maximum(correlation, 0.0)).sum()) / total if total > 0 else None
 
 
-def _geometric(values: FloatImage, valid: Mask, weight: Codes) -> dict[str, Codes]:
+def _noise_variance(image: Codes) -> float:
+    """Return the variance of what neighbouring pixels do not share, by every eighth row; the texture is in it."""
+    above, here, below = (image[first : len(image) - 2 + first : 8].astype(np.int16) for first in range(3))
+    column = above - 2 * here + below
+    rest = column[:, :-2] - 2 * column[:, 1:-1] + column[:, 2:]
+    return float(np.median(np.abs(rest)) / (6 * MEDIAN_OF_NORMAL)) ** 2 if rest.size else 0.0
+
+
+def _geometric(values: FloatImage, valid: Mask) -> dict[str, Codes]:
     """Compare each disparity with its neighbours."""
+    weight = valid.astype(np.uint8)
     known = np.where(valid, values, np.float32(0.0))
+    surface = (SURFACE_PX, SURFACE_PX)
     count = np.maximum(_box(weight, SURFACE_PX), np.float32(1.0))
     roughness = np.abs(_box(known, SURFACE_PX) / count - known)
-    support = cv2.boxFilter(weight, cv2.CV_32F, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX), borderType=cv2.BORDER_REFLECT_101)
-    return {"roughness": _code(roughness, "roughness"), "support": _code(support, "support")}
+    broken = np.zeros(values.shape, np.uint8)
+    with np.errstate(invalid="ignore"):
+        broken[:, 1:] |= np.abs(values[:, 1:] - values[:, :-1]) > BREAK_PX
+        broken[1:] |= np.abs(values[1:] - values[:-1]) > BREAK_PX
+    breaks = cv2.boxFilter(broken * np.uint8(LAST_CODE), -1, surface, borderType=cv2.BORDER_REFLECT_101)
+    around = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
+    support = cv2.boxFilter(weight * np.uint8(LAST_CODE), -1, around, borderType=cv2.BORDER_REFLECT_101)
+    return {
+        "roughness": _code(roughness, "roughness"),
+        "breaks": np.asarray(breaks, np.uint8),
+        "support": np.asarray(support, np.uint8),
+    }
 
 
 def _left_right(disparity: Disparity, column: FloatImage, row: FloatImage, valid: Mask) -> Codes:
@@ -152,13 +214,13 @@ def _code(values: NDArray[Any], kind: str) -> Codes:
     return codes
 
 
-def _box(image: NDArray[Any], side: int = WINDOW_PX) -> FloatImage:
+def _box(image: NDArray[Any], side: int = WINDOW) -> FloatImage:
     total = cv2.boxFilter(image, cv2.CV_32F, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(total, np.float32)
 
 
 def _box_of_squares(image: Codes) -> FloatImage:
-    size = (WINDOW_PX, WINDOW_PX)
+    size = (WINDOW, WINDOW)
     return np.asarray(
         cv2.sqrBoxFilter(image, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32
     )

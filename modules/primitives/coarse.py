@@ -101,7 +101,7 @@ def coarse_match(left: Gray, right: Gray, first_px: float, last_px: float, width
     if factor < 1:
         left, right = shrink(left, *size), shrink(right, *size)
     first, last = _narrowed([left, right], int(np.floor(first_px * factor)), int(np.ceil(last_px * factor)))
-    match = CoarseMatch(left, right, _semi_global(left, right, first, _sixteens(last - first)), factor)
+    match = CoarseMatch(left, right, match_thumbnails(left, right, first, sixteens(last - first)), factor)
     return match if match.valid_fraction >= LEAST_VALID else None
 
 
@@ -115,7 +115,7 @@ def _narrowed(planes: list[Gray], first: int, last: int) -> tuple[int, int]:
         return first, last
     left, right = (shrink(x, width // 2, height // 2) for x in planes)
     low = int(np.floor(first / 2))
-    disparity = _semi_global(left, right, low, _sixteens(last / 2 - low))
+    disparity = match_thumbnails(left, right, low, sixteens(last / 2 - low))
     shown = CoarseMatch(left, right, disparity, 0.5).visible()
     known = shown[np.isfinite(shown)]
     if known.size < NARROWING_SHARE * disparity.size:
@@ -125,11 +125,13 @@ def _narrowed(planes: list[Gray], first: int, last: int) -> tuple[int, int]:
     return max(first, int(np.floor(least - margin))), min(last, int(np.ceil(most + margin)))
 
 
-def _sixteens(span: float) -> int:
+def sixteens(span: float) -> int:
+    """Return the next multiple of 16, at least 16."""
     return max(16, 16 * int(np.ceil(span / 16)))
 
 
-def _semi_global(left: Gray, right: Gray, first: int, count: int) -> FloatImage:
+def match_thumbnails(left: Gray, right: Gray, first: int, count: int) -> FloatImage:
+    """Return the disparity of thumbnails (H, W) among `count`, a multiple of 16, from `first` on; NaN where none."""
     planes = [standardise_to_bytes(x, WINDOW_PX, DAMPING_DN) for x in (left, right)]
     # Pad so that the columns whose match lies outside of the image do not lose the border of the range.
     before, after = max(0, first + count), max(0, -first)

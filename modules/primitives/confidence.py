@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 
 from modules.primitives import confidence_tables as tables
-from modules.primitives.agreement import LAST_CODE, UNKNOWN, Evidence
+from modules.primitives.agreement import LAST_CODE, UNKNOWN, Evidence, spread
 from modules.types import FloatImage
 
 SAMPLE_STEP = 3  # the mean evidence of a map is taken over every third row and column
+CHANCE = 0.12  # agreement over chance that pairs of unrelated images do not reach: 0.09 at most of 50
+CERTAIN = 0.22  # that pairs of one scene exceed: 0.29 at least, under four times the noise of the reference
 
 
 @dataclass(frozen=True)
@@ -35,22 +37,30 @@ class Table:
 
 
 def map_evidence(evidence: Evidence) -> dict[str, float | None]:
-    """Return the mean code of every kind over the map, None where it is unknown, and the density, 0 to 1."""
-    step = (slice(SAMPLE_STEP // 2, None, SAMPLE_STEP),) * 2
-    valid = evidence.valid[step]
-    found: dict[str, float | None] = {"density": evidence.density}
-    for kind, codes in evidence.codes.items():
-        known = codes[step][valid]
+    """Return what speaks for the map as a whole: the agreement, and the mean code of every kind; None where unknown."""
+    found: dict[str, float | None] = {"agreement": evidence.agreement}
+    some = (slice(SAMPLE_STEP // 2, None, SAMPLE_STEP),) * 2
+    valid = evidence.valid[some]
+    for kind in tables.MAP.keys() - found.keys():
+        known = evidence.fine[kind][some][valid]
         known = known[known <= LAST_CODE]
         found[kind] = float(known.mean()) if known.size else None
     return found
+
+
+def chance_factor(over_chance: float | None) -> float:
+    """Return what the agreement over chance leaves of the confidence: nothing where the pair matches by chance only."""
+    if over_chance is None:
+        return 1.0
+    return float(np.clip((over_chance - CHANCE) / (CERTAIN - CHANCE), 0.0, 1.0))
 
 
 def predict_confidence(evidence: Evidence) -> FloatImage:
     """Return the probability that the error is below 1 px, float32 (H, W), 0 where there is no disparity.
 
     The log odds are a sum of one table per kind of evidence at the pixel, and one per kind over the whole map: the same
-    pixel is less credible in a map that agrees with the images nowhere else.
+    pixel is less credible in a map that agrees with the images nowhere else. This presumes that the images show one
+    scene; where they agree no better than by chance, nothing is credible.
 
     Notes
     -----
@@ -60,13 +70,14 @@ def predict_confidence(evidence: Evidence) -> FloatImage:
     whole = map_evidence(evidence)
     constant = tables.CONSTANT + sum(Table(*table).at(whole[kind]) for kind, table in tables.MAP.items())
     odds = _sum(evidence, tables.PIXEL, constant)
-    confidence = np.float32(1.0) / (np.float32(1.0) + np.exp(-odds))
-    return np.where(evidence.valid, confidence, np.float32(0.0)).astype(np.float32)
+    confidence = np.float32(chance_factor(evidence.over_chance)) / (np.float32(1.0) + np.exp(-odds))
+    confidence[~evidence.valid] = 0.0
+    return confidence
 
 
 def predict_sigma_px(evidence: Evidence) -> FloatImage:
     """Return the standard deviation of right disparities, px, float32 (H, W), NaN where there is none."""
-    if bool((evidence.codes["excess"] != UNKNOWN).any()):
+    if bool((evidence.fine["excess"] != UNKNOWN).any()):
         logarithm = _sum(evidence, tables.SIGMA, tables.SIGMA_CONSTANT)
     else:
         logarithm = _sum(evidence, tables.SIGMA_WITHOUT_EXCESS, tables.SIGMA_CONSTANT_WITHOUT_EXCESS)
@@ -76,7 +87,10 @@ def predict_sigma_px(evidence: Evidence) -> FloatImage:
 def _sum(
     evidence: Evidence, kinds: Mapping[str, tuple[tuple[float, ...], tuple[float, ...], float]], constant: float
 ) -> FloatImage:
-    total = np.full(evidence.valid.shape, np.float32(constant))
-    for kind, table in kinds.items():
-        cv2.add(total, cv2.LUT(evidence.codes[kind], Table(*table).by_code()), dst=total)
+    coarse = np.full(next(iter(evidence.coarse.values())).shape, np.float32(constant))
+    for kind, codes in evidence.coarse.items():
+        cv2.add(coarse, cv2.LUT(codes, Table(*kinds[kind]).by_code()), dst=coarse)
+    total = np.ascontiguousarray(spread(coarse, evidence.valid.shape))
+    for kind, codes in evidence.fine.items():
+        cv2.add(total, cv2.LUT(codes, Table(*kinds[kind]).by_code()), dst=total)
     return total

@@ -55,6 +55,9 @@ class Views:
         True where the pixel may be used; None means everywhere.
     correspondences : Correspondences or None
         Sparse matches, where a probe has measured them.
+    unchanged : pair of images or None
+        Both images with their own intensities, in the geometry of `left` and `right`, where operators have changed
+        intensities; None where none has.
     """
 
     left: Image
@@ -62,6 +65,7 @@ class Views:
     left_mask: Mask | None = None
     right_mask: Mask | None = None
     correspondences: Correspondences | None = None
+    unchanged: tuple[Image, Image] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -69,5 +73,10 @@ class Views:
         return int(self.left.shape[0]), int(self.left.shape[1])
 
     def with_images(self, left: Image, right: Image) -> Views:
-        """Return the same views with other images."""
-        return replace(self, left=left, right=right)
+        """Return the same views with other intensities; the first ones are kept as `unchanged`."""
+        return replace(self, left=left, right=right, unchanged=self.as_seen)
+
+    @property
+    def as_seen(self) -> tuple[Image, Image]:
+        """Both images with their own intensities: what all trials of a pair can be judged by, whatever they matched."""
+        return (self.left, self.right) if self.unchanged is None else self.unchanged

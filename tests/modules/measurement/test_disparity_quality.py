@@ -33,7 +33,7 @@ def measure(
     values[(columns < 0) | (columns > values.shape[1] - 1)] = np.nan
     flags = np.where(np.isnan(values), int(Invalid.OUTSIDE), 0).astype(np.uint16)
     disparity = Disparity(values, flags)
-    confidence = predict_confidence(gather_evidence(views.left, views.right, disparity))
+    confidence = predict_confidence(gather_evidence(views.left, views.right, disparity, DisparityRange(low, high)))
     (fact,) = PROBE.function(Matching(views, DisparityRange(low, high), replace(disparity, confidence=confidence)))
     assert isinstance(fact, DisparityQuality)
     return fact
