@@ -22,6 +22,7 @@ from expert.rules.load import load_rules
 from expert.rules.model import STAGES, RuleBase
 from expert.supervise import Knowledge, Measured, Run
 from expert.versions import versions
+from expert.warm import previous_pair, thumbnail
 from modules.catalog import operators, probes
 from modules.measurement.sample import Sample
 from modules.types import Matching, Rover, Scene, Views
@@ -113,6 +114,7 @@ class ExpertSystem:
         *,
         progress: Callable[[str], None] | None = None,
         measured: Measured | None = None,
+        previous: Decision | None = None,
     ) -> Decision:
         """Measure the pair and plan every stage, without dense matching.
 
@@ -124,23 +126,40 @@ class ExpertSystem:
         measured : dict, optional
             What was measured of this pair before, and is not measured again; what is measured now is added to it. Give
             the same dict to systems with other rules to compare their decisions about one pair.
+        previous : Decision, optional
+            About the pair before this one in a sequence; see `reconstruct`.
 
         Returns
         -------
         Decision
             With status `decided`, or `failed` where a critical finding forbids a reconstruction.
         """
-        run = self._begin(pair, progress, measured)
+        run = self._begin(pair, progress, measured, previous)
         for stage in STAGES[1:]:
             run.plan(stage)
         return self._decision(pair, run, "failed" if run.critical() else "decided", {})
 
-    def reconstruct(self, pair: StereoPair, *, progress: Callable[[str], None] | None = None) -> Result:
+    def reconstruct(
+        self,
+        pair: StereoPair,
+        *,
+        progress: Callable[[str], None] | None = None,
+        previous: Decision | None = None,
+    ) -> Result:
         """Run the whole loop on a pair.
 
         Bad scenes do not raise: the decision's status is `failed` and its findings say why.
+
+        Parameters
+        ----------
+        pair : StereoPair
+        progress : callable, optional
+            Called with the name of what begins.
+        previous : Decision, optional
+            About the pair before this one in a sequence (`result.decision`). Where rig and scene are like then, rules
+            take over what it found instead of measuring it again, and the report says so.
         """
-        run = self._begin(pair, progress)
+        run = self._begin(pair, progress, previous=previous)
         if run.critical():
             return Result(self._decision(pair, run, "failed", {}), pair.views)
         corrector = _Corrector(run, pair.views)
@@ -173,8 +192,17 @@ class ExpertSystem:
         decision = self._decision(pair, run, status, product_digests(matching.disparity, elevation))
         return Result(decision, matching.views, matching.disparity, points, elevation, original=pair.views)
 
-    def _begin(self, pair: StereoPair, progress: Callable[[str], None] | None, measured: Measured | None = None) -> Run:
+    def _begin(
+        self,
+        pair: StereoPair,
+        progress: Callable[[str], None] | None,
+        measured: Measured | None = None,
+        previous: Decision | None = None,
+    ) -> Run:
         facts: dict[Fact, str | None] = {to_fact(model): None for model in self._stated(pair)}
+        before = None if previous is None else previous_pair(previous, pair)
+        if before is not None:
+            facts[to_fact(before)] = None
         run = Run(self._knowledge, Sample(pair.views, pair.given_range), facts, costs=self._costs(pair))
         run.memory = {} if measured is None else measured
         if progress is not None:
@@ -241,6 +269,7 @@ class ExpertSystem:
             versions=versions(),
             timings_s={name: round(seconds, 6) for name, seconds in run.timings_s.items()},
             rules=self._rules_record,
+            thumbnail=thumbnail(pair.left),
         )
 
 

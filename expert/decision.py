@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from expert.explain import How, Margins, WhatIf, WhatItTakes, WhyNot
 
 SCHEMA_VERSION = 2
-BESIDE_CORE = {"products", "engine", "versions", "timings_s", "rules"}
+BESIDE_CORE = {"products", "engine", "versions", "timings_s", "rules", "thumbnail"}
 Status = Literal["decided", "reconstructed", "disparity_only", "failed"]
 
 
@@ -179,7 +179,7 @@ class Decision(Record):
     """Everything that was decided about one pair.
 
     `core()` is the canonical part: the same pair, rules and library versions give the same bytes. Times, versions, the
-    text of the rules and digests of the products stand beside it.
+    text of the rules, digests of the products and the thumbnail stand beside it.
 
     Attributes
     ----------
@@ -187,6 +187,8 @@ class Decision(Record):
         SHA-256 of the disparity, its validity and the elevation, where they were made.
     rules : RulesRecord or None
         The rules themselves; `rules_digest` says which they are.
+    thumbnail : str
+        Tiny gray copy of the left image, by which the next pair of a sequence tells how much has changed.
     """
 
     schema_version: int = SCHEMA_VERSION
@@ -206,6 +208,7 @@ class Decision(Record):
     versions: dict[str, str] = Field(default_factory=dict)
     timings_s: dict[str, float] = Field(default_factory=dict)
     rules: RulesRecord | None = None
+    thumbnail: str = ""
 
     def core(self) -> bytes:
         """Return the canonical core as JSON bytes: no engine, no times, no versions."""

@@ -101,6 +101,35 @@ class Planned(FactModel):
     operator: str = quantity("Operator that filled it, or none")
 
 
+class PreviousPair(FactModel):
+    """The pair before this one in a sequence: what was decided about it, and how much has changed since."""
+
+    template: ClassVar[str] = "previous"
+    same_rig: bool = quantity("Whether size, calibration and given range are the same")
+    change_dn: float = quantity(
+        "Mean difference of thumbnails of the left images after equalising their means",
+        unit="dn",
+        ge=0,
+        resolution=0.01,
+    )
+    level_change_dn: float = quantity(
+        "Distance of their distributions of gray levels", unit="dn", ge=0, resolution=0.01
+    )
+    min_px: int | None = quantity("Smallest disparity that was searched", unit="px", default=None)
+    max_px: int | None = quantity("End of the range that was searched, exclusive", unit="px", default=None)
+    rows_count: int | None = quantity(
+        "Matches that agreed with the fit of the rows, when they were last checked", ge=0, default=None
+    )
+    rows_aligned: bool = quantity("Whether rows were aligned")
+    offset_px: float | None = quantity("Offset that was undone", unit="px", resolution=0.01, default=None)
+    roll_deg: float | None = quantity("Roll that was undone", unit="deg", resolution=0.001, default=None)
+    row_scale: float | None = quantity("Row scale that was undone", unit="px/px", resolution=0.00001, default=None)
+    radiometry: str = quantity("Operator that corrected the radiometry, or none")
+    density_fraction: float | None = quantity(
+        "Share of the usable pixels that had a disparity", ge=0, le=1, resolution=1e-4, default=None
+    )
+
+
 class Available(FactModel):
     """An optional package that operators may need, and whether it is installed."""
 
@@ -142,6 +171,7 @@ OWN_TEMPLATES: tuple[type[FactModel], ...] = (
     MeasuredAttitude,
     StatedRover,
     Planned,
+    PreviousPair,
     Available,
     Trial,
     Failure,
