@@ -1,7 +1,7 @@
 """Print how much a scene changes from one pair to the next, and what taking over the earlier decision saves.
 
 The evidence behind MEA090, MEA091, COR081, COR082, MAT090 and MAT094: every N-th development pair is followed by the
-same scene seen a few pixels aside, by the same scene a tenth darker, and by another scene of the same size. For each the
+same scene seen a few pixels aside, by the same scene a tenth darker, and by another scene of one size. For each the
 change of the thumbnails; then CPU time and bad-1 in % with and without the earlier decision, in each profile.
 
     TERREX_DATA=FOLDER python examples/evidence/sequence.py [--every 4]

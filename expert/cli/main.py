@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from expert.cli.options import PairOptions, SystemOptions, expanded
+from expert.cli.options import BudgetOptions, PairOptions, PreviousOption, SystemOptions, expanded, read_previous
 from expert.cli.terrain_options import DatumOption, MaskOption, ProductsOption, RoverOption
 from expert.cli.usage import UsageError
 
@@ -37,6 +37,7 @@ def _progress() -> Iterator[Callable[[str], None] | None]:
 def run(
     pair: PairOptions,
     system: SystemOptions,
+    budgets: BudgetOptions,
     out: Annotated[Path, typer.Option(help="Folder for the products; appears whole or not at all")] = Path(
         "terrex-out"
     ),
@@ -44,6 +45,7 @@ def run(
     rover: RoverOption = None,
     datum: DatumOption = None,
     mask: MaskOption = None,
+    previous: PreviousOption = None,
 ) -> None:
     """Reconstruct a stereo pair and write the products and the report."""
     from expert.cli.terrain_options import masked, stated_datum, stated_products, stated_rover
@@ -53,9 +55,10 @@ def run(
     check_folder(out)
     chosen, place, vehicle = stated_products(products), stated_datum(datum), stated_rover(rover)
     seen = masked(pair.load(), mask)
-    expert = system.system(vehicle)
+    earlier = read_previous(previous)
+    expert = system.system(vehicle, budgets)
     with _progress() as progress:
-        result = expert.reconstruct(seen, progress=progress)
+        result = expert.reconstruct(seen, progress=progress, previous=earlier)
     result.save(out, products=chosen, datum=place)
     typer.echo(as_summary(result.decision), nl=False)
     typer.echo(
@@ -70,13 +73,15 @@ def run(
 def decide(
     pair: PairOptions,
     system: SystemOptions,
+    budgets: BudgetOptions,
     json: Annotated[bool, typer.Option("--json", help="Print the whole record")] = False,
+    previous: PreviousOption = None,
 ) -> None:
     """Measure a pair and print what would be done and why; nothing is matched."""
-    loaded = pair.load()
-    expert = system.system()
+    loaded, earlier = pair.load(), read_previous(previous)
+    expert = system.system(budgets=budgets)
     with _progress() as progress:
-        decision = expert.decide(loaded, progress=progress)
+        decision = expert.decide(loaded, progress=progress, previous=earlier)
     typer.echo(decision.to_json() if json else decision.text(), nl=False)
     if decision.status == "failed":
         raise typer.Exit(1)

@@ -18,6 +18,7 @@ from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
     from expert.api import ExpertSystem
+    from expert.decision import Decision
     from expert.pair import StereoPair
     from modules.types import Attitude, Rover
 
@@ -57,6 +58,22 @@ RangeOption = Annotated[
     tuple[int, int] | None, typer.Option("--disparity-range", metavar="MIN MAX", help="px; estimated if not given")
 ]
 RulesOption = Annotated[list[Path] | None, typer.Option("--rules", help="Rule file layered on the shipped rules")]
+TimeBudgetOption = Annotated[
+    float | None,
+    typer.Option(
+        "--time-budget",
+        metavar="S",
+        min=0.0,
+        help="CPU time a pair may take; costs are predicted, findings say what was given up",
+    ),
+]
+MemoryBudgetOption = Annotated[
+    float | None, typer.Option("--memory-budget", metavar="MB", min=0.0, help="Memory matching may take")
+]
+PreviousOption = Annotated[
+    Path | None,
+    typer.Option("--previous", help="decision.json of the pair before in a sequence; what holds on is taken over"),
+]
 Profile: TypeAlias = Literal["fast", "balanced", "best"]
 EngineName: TypeAlias = Literal["experta", "compiled"]
 
@@ -159,6 +176,14 @@ class PairOptions:
 
 
 @dataclass(frozen=True)
+class BudgetOptions:
+    """What one pair may take."""
+
+    time_budget: TimeBudgetOption = None
+    memory_budget: MemoryBudgetOption = None
+
+
+@dataclass(frozen=True)
 class SystemOptions:
     """Which expert system works on pairs."""
 
@@ -166,11 +191,36 @@ class SystemOptions:
     profile: Profile = "balanced"
     engine: EngineName = "experta"
 
-    def system(self, rover: Rover | None = None) -> ExpertSystem:
+    def system(self, rover: Rover | None = None, budgets: BudgetOptions | None = None) -> ExpertSystem:
         """Return the system."""
         from expert.api import ExpertSystem
 
-        return ExpertSystem(rules=self.rules or [], profile=self.profile, engine=self.engine, rover=rover)
+        return ExpertSystem(
+            rules=self.rules or [],
+            profile=self.profile,
+            engine=self.engine,
+            time_budget_s=budgets.time_budget if budgets else None,
+            memory_budget_mb=budgets.memory_budget if budgets else None,
+            rover=rover,
+        )
+
+
+def read_previous(path: Path | None) -> Decision | None:
+    """Read the decision about the pair before, where one is named.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read or is no decision record.
+    """
+    from expert.decision import Decision
+
+    if path is None:
+        return None
+    try:
+        return Decision.from_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--previous {path} is no decision.json of a run: {error}") from error
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:

@@ -223,6 +223,22 @@ def calibration_decisions(system: ExpertSystem) -> Iterator[Decision]:
     yield system.reconstruct(StereoPair(left, both, calibration=shifted, attitude=Attitude())).decision
 
 
+def sequence_decisions(system: ExpertSystem) -> Iterator[Decision]:
+    """Yield decisions on pairs that follow others of one scene, with rows, light or range to take over."""
+    left, right = plane(texture(1), 12)
+    dimmed = StereoPair(left, np.roll(right // 2 + 20, 2, axis=0))
+    before = system.reconstruct(dimmed).decision
+    yield system.decide(dimmed, previous=before)
+    yield ExpertSystem(profile="fast", engine="compiled").decide(dimmed, previous=before)
+    first = system.reconstruct(StereoPair(left, right)).decision
+    for shift in (15, 16, 17, 18, 40):
+        nearer = StereoPair(left, plane(texture(1), shift)[1])
+        yield system.reconstruct(nearer, previous=first).decision
+    hidden = right.copy()
+    hidden[:, 160:] = texture(8)[:, : WIDTH - 160]
+    yield system.reconstruct(StereoPair(left, hidden), previous=first).decision
+
+
 def before_intensities() -> Iterator[Decision]:
     """Yield decisions without numba, where the matcher compares intensities."""
     left, right = plane(texture(6), 12)
@@ -250,6 +266,7 @@ def test_every_shipped_rule_fires_for_some_pair(tmp_path: Path, monkeypatch: pyt
         lit_decisions(system),
         faulty_decisions(system),
         calibration_decisions(system),
+        sequence_decisions(system),
     )
     for decision in itertools.chain(*decisions):
         fired |= rules_of(decision)
