@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from modules.catalog import operators
+from modules.catalog import operators, probes
 from modules.formats.datasets import read_index
+from modules.measurement.sample import Sample
 from modules.operator import OperatorError
 from modules.simulation import REFERENCE_DISTORTIONS, TerrainParams, render_terrain
 from modules.simulation.distortions import scale_distortion
@@ -36,6 +37,7 @@ MATCHERS: Mapping[str, Step] = {
     "block": ("matching.block_match", {}),
 }
 CHECKS: Steps = (("matching.check_left_right", {}), ("matching.remove_speckles", {}))
+ALIGN = "align as measured"  # a step: rows are aligned by what the pair's own matches say
 BAD_PX = 1.0
 RESAMPLES = 2000
 TERRAIN_NDISP = 80  # holds the nearest ground of the rendered pairs
@@ -111,12 +113,22 @@ def stick(image: Image, share: float, seed: int) -> Image:
 def correct(views: Views, steps: Steps) -> Views:
     """Run operators of correction; a pair that one refuses stays as it was before it."""
     for name, values in steps:
+        if name == ALIGN:
+            name, values = "correction.align_rows", alignment(views)
         operator = operators()[name]
         try:
             views = operator.function(views, operator.params(**values))
         except OperatorError:
             continue
     return views
+
+
+def alignment(views: Views) -> Mapping[str, float]:
+    """Return the parameters of `correction.align_rows` that the matches of a pair give; none without a fit."""
+    fact: Any = probes()["measurement.row_alignment"].function(Sample(views))[0]
+    if fact.offset_px is None:
+        return {}
+    return {"offset_px": fact.offset_px, "roll_deg": fact.roll_deg, "row_scale": fact.scale}
 
 
 def bad_1(case: Case, views: Views, matcher: str) -> float:

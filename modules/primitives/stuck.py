@@ -32,7 +32,7 @@ def find_columns(gray: Gray) -> NDArray[np.int64]:
     Returns
     -------
     int64 (N,)
-        Increasing. Of neighbouring columns, which stand out from each other, the first.
+        Increasing. Of neighbouring columns, which stand out from each other, the strongest.
     """
     if gray.shape[1] < 3:
         return np.zeros(0, np.int64)
@@ -44,8 +44,12 @@ def find_columns(gray: Gray) -> NDArray[np.int64]:
     enough = counts[2] >= max(LEAST_ROWS, LEAST_ROWS_SHARE * len(values))
     found = enough & (np.abs(counts[0] - counts[1]) > ONE_SIDED * counts[2])
     found[[0, -1]] = False
-    found[1:] &= ~found[:-1]
-    return np.flatnonzero(found)
+    if not found.any():
+        return np.zeros(0, np.int64)
+    strength = np.zeros(len(found))
+    strength[found] = np.abs(twice[:, found] * usable[:, found]).sum(axis=0)
+    strongest = (strength[1:-1] > strength[:-2]) & (strength[1:-1] >= strength[2:])
+    return np.flatnonzero(strongest) + 1
 
 
 def _column_sums(values: NDArray[np.uint8]) -> NDArray[np.int32]:

@@ -69,3 +69,16 @@ def test_a_correction_that_refuses_a_pair_leaves_it(comparison):
     dead[..., 0] = 200
     broken = Views(dead, dead.copy())
     assert comparison.correct(broken, [("correction.balance_white", {})]) is broken
+
+
+def test_the_measured_alignment_brings_rows_back(comparison):
+    texture = np.random.default_rng(2).integers(0, 255, (24, 40)).astype(np.float32)
+    scene = np.clip(np.kron(texture, np.ones((10, 10))) * 0.7 + 20, 0, 255).astype(np.uint8)
+    left, right = scene[6:-6, 10:330].copy(), scene[4:-8, 22:342].copy()  # two rows lower, 12 px of disparity
+    plain = Views(left, right)
+    assert comparison.alignment(plain)["offset_px"] == pytest.approx(2.0, abs=0.1)
+    aligned = comparison.correct(plain, [(comparison.ALIGN, {})]).right
+    before, after = (
+        np.abs(left[20:-20, 32:-32].astype(int) - image[20:-20, 20:-44]).mean() for image in (right, aligned)
+    )
+    assert after < 0.3 * before
