@@ -5,7 +5,8 @@ distorted pair and prints the mean bad-1 in % (missing counted as wrong, non-occ
 mean difference from no correction with the 95 % interval of a bootstrap over scenes: pairs of one scene are drawn
 together.
 
-    TERREX_DATA=FOLDER python examples/evidence/<family>.py [--every 3] [--terrain 2] [--matchers sgbm own block]
+    TERREX_DATA=FOLDER python examples/evidence/<family>.py [--every 3] [--terrain 2]
+                                     [--matchers sgbm own block] [--only KIND ...]
 """
 
 from __future__ import annotations
@@ -160,6 +161,7 @@ def arguments(purpose: str | None) -> argparse.Namespace:
     parser.add_argument("--every", type=int, default=3, help="take every N-th development pair")
     parser.add_argument("--terrain", type=int, default=2, help="rendered terrains beside them")
     parser.add_argument("--matchers", nargs="+", choices=tuple(MATCHERS), default=["sgbm", "own"])
+    parser.add_argument("--only", nargs="+", metavar="KIND", help="distortions to take; all by default")
     given = parser.parse_args()
     if given.data is None:
         parser.error("name the folder of the pairs with --data, or set TERREX_DATA")
@@ -175,6 +177,9 @@ def compare(
     """Print one table per matcher and distortion: the error of every correction, and what it changes."""
     errors: dict[tuple[str, str, str], list[float]] = {}
     groups: list[str] = []
+    distortions = {kind: value for kind, value in distortions.items() if not given.only or kind in given.only}
+    if not distortions:
+        raise SystemExit(f"--only {' '.join(given.only)} names none of the distortions")
     corrections = {"none": (), **corrections}
     for number, case in enumerate(cases(given.data, given.every, given.terrain, differing)):
         groups.append(case.group)
