@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,9 +96,10 @@ class Outlier:
 
 @dataclass(frozen=True)
 class RuleCount:
-    """How many pairs a rule fired for."""
+    """How many pairs a rule fired for; without a name where no record of such a pair was kept."""
 
     rule: str
+    name: str
     pairs: int
     percent: float
 
@@ -199,7 +201,7 @@ def write_page(out: Path) -> Path:
         good=("reconstructed", "disparity_only"),
         reports={pair.name: pair.report for pair in pairs if pair.report},
         seconds=_spread([pair.seconds for pair in pairs])[0] if pairs else 0.0,
-        rules=_rules(log, len(pairs)),
+        rules=_rules(log, out, len(pairs)),
         counts=counts,
         drift=drifts(facts),
         outlying=outliers(facts),
@@ -209,9 +211,25 @@ def write_page(out: Path) -> Path:
     return out / PAGE
 
 
-def _rules(log: RunLog, pairs: int) -> list[RuleCount]:
+def _rules(log: RunLog, out: Path, pairs: int) -> list[RuleCount]:
     _, rows = log.query(
-        "SELECT f.rule, count(DISTINCT f.result) FROM firings f JOIN results r USING (result) WHERE r.latest = 1 "
-        "GROUP BY f.rule ORDER BY 2 DESC, 1"
+        "SELECT f.rule, count(DISTINCT f.result), min(r.folder) FROM firings f JOIN results r USING (result) "
+        "WHERE r.latest = 1 GROUP BY f.rule ORDER BY 2 DESC, 1"
     )
-    return [RuleCount(str(rule), int(str(count)), 100.0 * int(str(count)) / max(pairs, 1)) for rule, count in rows]
+    names: dict[str, str] = {}
+    for rule, _, folder in rows:
+        if str(rule) not in names:
+            names.update(_names(out / "pairs" / str(folder) / "decision.json"))
+    return [
+        RuleCount(str(rule), names.get(str(rule), ""), int(str(count)), 100.0 * int(str(count)) / max(pairs, 1))
+        for rule, count, _ in rows
+    ]
+
+
+def _names(path: Path) -> dict[str, str]:
+    """Return the names of the rules that fired in a record; none where it cannot be read."""
+    try:
+        firings = json.loads(path.read_text(encoding="utf-8"))["firings"]
+        return {str(firing["rule"]): str(firing["name"]) for firing in firings}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}

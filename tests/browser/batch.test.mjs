@@ -34,7 +34,7 @@ for (const dark of [false, true]) {
 }
 
 test("pairs are sorted by number and by name", () => opened({}, async page => {
-  const scores = () => page.$$eval("#pairs tbody tr", rows => rows.map(row => parseFloat(row.cells[2].textContent)).filter(value => !isNaN(value)));
+  const scores = () => page.$$eval("#pairs tbody tr", rows => rows.map(row => parseFloat(row.cells[3].textContent)).filter(value => !isNaN(value)));
   await page.getByRole("button", {name: "Score"}).click();
   const up = await scores();
   assert.deepEqual(up, [...up].sort((a, b) => a - b));

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from expert.batch import Batch, ChangedSettings, Outcome, RunLog, Settings, Stated, find_pairs
-from expert.batch.page import write_page
+from expert.batch.page import drifts, write_page
 from expert.batch.run import alone
 from modules.formats import FormatError
 from tests.expert.batch.conftest import write_pair
@@ -269,3 +269,17 @@ def test_the_log_answers_what_is_asked(source: Path, tmp_path: Path, capsys: pyt
     assert ask(sql="SELECT count(*) AS n FROM results") == [{"n": 3}]
     with pytest.raises(FormatError, match="the query failed: attempt to write a readonly database"):
         ask(sql="DELETE FROM results")
+
+
+def test_the_page_names_the_rules_and_marks_what_lies_apart(source: Path, tmp_path: Path) -> None:
+    for number in range(3, 12):
+        write_pair(source, str(number), seed=number)
+    run(source, tmp_path / "out")
+    page = write_page(tmp_path / "out").read_text()
+    button = '<button type="button" data-rule="MAT001" aria-pressed="false">MAT001</button></th>'
+    assert f"{button}<td>range-as-given</td>" in page
+    items = [(str(number), value) for number, value in enumerate([1.0, 1.1, 0.9, 1.0, 1.2, 0.8, 1.0, 1.1, 9.0])]
+    (drift,) = drifts({"brightness.gain": items})
+    assert [mark.text for mark in drift.marks] == ["8: 9"]
+    assert (drift.least, drift.median, drift.most) == (0.8, 1.0, 9.0)
+    assert drifts({"x.flat": [(str(number), 1.0) for number in range(9)]}) == []
