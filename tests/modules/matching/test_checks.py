@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,44 @@ def test_unconfirmed_matches_are_kept_or_rejected_as_asked() -> None:
     assert dropped is not None
     assert kept.valid[0, 1]
     assert not dropped.valid[0, 1]
+
+
+def beside_an_edge(back: float, excess: float, confirmed: int = 49) -> bool:
+    """Return whether a pixel on a surface of so many pixels is kept if the disparity of its match is `back`, not 2."""
+    left = np.full((7, 14), NAN, np.float32)
+    surface = left[:, 7:]
+    surface.flat[:confirmed] = 2.0
+    left[3, 10] = 2.0  # its window is the surface
+    right = np.full((7, 14), 2.0, np.float32)
+    right[3, 8] = back
+    known = np.full((7, 14), excess, np.float32)
+    state = state_of(left.tolist(), right.tolist())
+    assert state.disparity is not None
+    state = replace(state, disparity=replace(state.disparity, excess=known))
+    result = check_left_right(state, CheckLeftRightParams(strong_excess=0.25)).disparity
+    assert result is not None
+    return bool(result.valid[3, 10])
+
+
+def test_a_pixel_that_does_not_match_back_is_kept_for_a_clear_minimum_on_a_confirmed_surface() -> None:
+    assert beside_an_edge(back=9.0, excess=0.25)
+    assert not beside_an_edge(back=9.0, excess=0.24)
+    assert beside_an_edge(back=9.0, excess=0.25, confirmed=10)
+    assert not beside_an_edge(back=9.0, excess=0.25, confirmed=9)
+
+
+def test_a_pixel_that_would_hide_what_the_right_image_shows_needs_four_times_the_excess() -> None:
+    assert not beside_an_edge(back=0.0, excess=0.99)
+    assert beside_an_edge(back=0.0, excess=1.0)
+
+
+def test_without_the_second_best_cost_no_pixel_is_kept() -> None:
+    state = state_of([[NAN, 1.0, 1.0, 3.0]], [[1.0, 1.0, 5.0, NAN]])
+    plain = check_left_right(state, CheckLeftRightParams()).disparity
+    asked = check_left_right(state, CheckLeftRightParams(strong_excess=0.01)).disparity
+    assert plain is not None
+    assert asked is not None
+    np.testing.assert_array_equal(plain.validity, asked.validity)
 
 
 def test_the_nearer_of_two_pixels_hides_the_other() -> None:
