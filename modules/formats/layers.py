@@ -100,14 +100,18 @@ def parse_layers(name: str, content: bytes, wanted: Container[str] | None = None
 def write_grid_map(path: Path | str, grid: ElevationMap) -> None:
     """Write the layers as a `grid_map` holds them: float32 matrices whose index (0, 0) is the cell of largest x and y.
 
-    Rows run along falling x, columns along falling y, storage is column-major, NaN is unknown. `info` is a JSON text
-    with the fields of `grid_map_msgs/GridMapInfo` and the layer names. Slopes are in radians, and `variance` is that of
-    the elevation.
+    Rows run along falling x, columns along falling y, storage is column-major, NaN is unknown. `info` is a JSON text of
+    the message `grid_map_msgs/GridMap` without its data: `info` (header, resolution, length_x, length_y and the pose of
+    the map's centre), `layers`, `basic_layers`, the start indices, and the `layout` of each `Float32MultiArray`, whose
+    data are the matrix in the order in which it is stored. Slopes are in radians, and `variance` is that of the
+    elevation.
 
     References
     ----------
     P. Fankhauser and M. Hutter, "A Universal Grid Map Library: Implementation and Use Case for Rough Terrain
-    Navigation", Robot Operating System (ROS), Springer, 2016.
+    Navigation", Robot Operating System (ROS), Springer, 2016. Read in the sources of ANYbotics/grid_map:
+    `grid_map_msgs/msg/GridMap.msg` and `GridMapInfo.msg` (fields), `grid_map_core/src/GridMapMath.cpp` (position of an
+    index), `grid_map_ros/GridMapMsgHelpers` (layout: `column_index` outside, `row_index` inside).
 
     Raises
     ------
@@ -117,18 +121,28 @@ def write_grid_map(path: Path | str, grid: ElevationMap) -> None:
     rows, columns = grid.shape
     matrices = {name: _turned(layer) for name, layer in _renamed(grid).items()}
     length_x, length_y = columns * grid.cell_m, rows * grid.cell_m
-    info = {
-        "frame_id": grid.frame,
-        "resolution": grid.cell_m,
-        "length_x": length_x,
-        "length_y": length_y,
-        "position": [grid.x0_m + 0.5 * length_x, grid.y0_m + 0.5 * length_y],
-        "outer_start_index": 0,
-        "inner_start_index": 0,
+    centre = {"x": grid.x0_m + 0.5 * length_x, "y": grid.y0_m + 0.5 * length_y, "z": 0.0}
+    message = {
+        "info": {
+            "header": {"frame_id": grid.frame},
+            "resolution": grid.cell_m,
+            "length_x": length_x,
+            "length_y": length_y,
+            "pose": {"position": centre, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
+        },
         "layers": list(matrices),
         "basic_layers": ["elevation"],
+        "outer_start_index": 0,
+        "inner_start_index": 0,
+        "layout": {
+            "dim": [
+                {"label": "column_index", "size": rows, "stride": rows * columns},
+                {"label": "row_index", "size": columns, "stride": columns},
+            ],
+            "data_offset": 0,
+        },
     }
-    _write_npz(Path(path), {"info": np.array(json.dumps(info)), **matrices})
+    _write_npz(Path(path), {"info": np.array(json.dumps(message)), **matrices})
 
 
 def _renamed(grid: ElevationMap) -> dict[str, NDArray[np.float32]]:
