@@ -90,6 +90,16 @@ class StatedRover(FactModel):
     clearance_m: float = quantity("Height of the belly above the ground", unit="m", ge=0.001, le=5.0, resolution=0.001)
     width_m: float = quantity("Width", unit="m", ge=0.001, le=10.0, resolution=0.001)
     max_tilt_deg: float = quantity("Largest tilt", unit="deg", ge=0.1, le=60.0, resolution=0.1)
+    body_front_m: float = quantity(
+        "Reach ahead of the body origin", unit="m", ge=0.0, le=20.0, resolution=0.001, default=0.0
+    )
+    body_back_m: float = quantity("Reach behind it", unit="m", ge=0.0, le=20.0, resolution=0.001, default=0.0)
+    min_confidence: float = quantity(
+        "Least confidence of points that it drives on", ge=0.0, le=1.0, resolution=0.001, default=0.0
+    )
+    min_grazing_deg: float = quantity(
+        "Flattest angle between ray and ground that it trusts", unit="deg", ge=0.0, le=45.0, resolution=0.1, default=0.0
+    )
 
 
 class Planned(FactModel):

@@ -24,7 +24,12 @@ ProductsOption = Annotated[
     ),
 ]
 RoverOption = Annotated[
-    Path | None, typer.Option("--rover", help="YAML with wheel_radius_m, clearance_m, width_m, max_tilt_deg")
+    Path | None,
+    typer.Option(
+        "--rover",
+        help="YAML with wheel_radius_m, clearance_m, width_m, max_tilt_deg, body_front_m, body_back_m, min_confidence, "
+        "min_grazing_deg",
+    ),
 ]
 DatumOption = Annotated[
     tuple[float, float] | None,

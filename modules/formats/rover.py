@@ -14,11 +14,15 @@ LIMITS = {
     "clearance_m": (0.001, 5.0),
     "width_m": (0.001, 10.0),
     "max_tilt_deg": (0.1, 60.0),
+    "body_front_m": (0.0, 20.0),
+    "body_back_m": (0.0, 20.0),
+    "min_confidence": (0.0, 1.0),
+    "min_grazing_deg": (0.0, 45.0),
 }
 
 
 def read_rover(path: Path | str) -> Rover:
-    """Read `wheel_radius_m`, `clearance_m`, `width_m` and `max_tilt_deg`; what is left out has its default.
+    """Read the fields of `Rover`; what is left out has its default.
 
     Raises
     ------

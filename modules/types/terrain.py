@@ -145,6 +145,10 @@ class Rover:
     clearance_m: float = 0.25  # height of the belly above the ground
     width_m: float = 0.8
     max_tilt_deg: float = 20.0
+    body_front_m: float = 0.0  # it reaches this far ahead of the body origin; points within it are its own
+    body_back_m: float = 0.0
+    min_confidence: float = 0.0  # it drives on points that are right with at least this probability
+    min_grazing_deg: float = 0.0  # and that were seen at no flatter angle to the ground
 
 
 class Hazard(IntEnum):

@@ -95,7 +95,9 @@ def rendered_decisions(system: ExpertSystem) -> Iterator[Decision]:
     yield system.reconstruct(
         StereoPair(smeared.left, distort_right(smeared, "noise", seed=1, strength=2.0).right)
     ).decision
-    small = Rover(wheel_radius_m=0.06, clearance_m=0.12, width_m=0.4)
+    small = Rover(
+        wheel_radius_m=0.06, clearance_m=0.12, width_m=0.4, body_front_m=0.3, min_confidence=0.6, min_grazing_deg=4.0
+    )
     yield ExpertSystem(engine="compiled", rover=small).decide(
         StereoPair(made.left, made.right, disparity_range_px=(0, 32), **known)
     )

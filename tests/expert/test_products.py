@@ -45,6 +45,19 @@ def test_a_rover_file_overrides_the_defaults(tmp_path):
     assert read_rover(tmp_path / "rover.yaml") == Rover(width_m=1.5, max_tilt_deg=30.0)
 
 
+def test_what_a_rover_says_of_its_body_and_its_trust_becomes_gates():
+    from expert import ExpertSystem, StereoPair
+    from modules.types import Calibration
+
+    image = np.random.default_rng(1).integers(0, 255, (60, 80), dtype=np.uint8)
+    pair = StereoPair(image, image, calibration=Calibration(60.0, 40.0, 30.0, 0.1, 80, 60), disparity_range_px=(0, 16))
+    rover = Rover(width_m=0.6, body_front_m=0.4, min_confidence=0.7, min_grazing_deg=6.0)
+    steps = ExpertSystem(engine="compiled", rover=rover).decide(pair).steps()
+    gates = next(step.parameters for step in steps if step.operator == "reconstruction.gate_points")
+    assert (gates["body_front_m"], gates["body_back_m"], gates["body_side_m"]) == (0.4, 0.0, 0.3)
+    assert (gates["min_confidence"], gates["min_grazing_deg"]) == (0.7, 6.0)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
