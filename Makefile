@@ -76,6 +76,10 @@ bench-terrain: $(STAMP)  ## Measure elevation, uncertainty and hazards on render
 	@$(BIN)/python -m benchmarks.terrain $(ARGS)
 	@$(BIN)/python -m benchmarks.terrain --speed
 
+.PHONY: bench-writers
+bench-writers: $(STAMP)  ## Measure the writers of terrain products beside those of well-known libraries
+	@$(BIN)/python -m benchmarks.writers $(ARGS)
+
 bench-field: $(STAMP)  ## Reconstruct rover pairs and measure how level their ground is (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.field_pairs $(ARGS)
 
