@@ -123,7 +123,7 @@ def _of_baseline(baseline_m: float, longest_m: float) -> Iterator[str]:
 
 
 def _of_focal(what: str, focal_px: float, width_px: int) -> Iterator[str]:
-    smallest = max(MIN_FOCAL_PX, MIN_FOCAL_PER_WIDTH * width_px)
+    smallest = max(min(MIN_FOCAL_PX, 0.5 * width_px), MIN_FOCAL_PER_WIDTH * width_px)  # thumbnails have small ones
     if focal_px <= 0.0:
         yield f"{what} is {focal_px:g} px and must be above 0"
     elif focal_px < smallest:

@@ -139,13 +139,14 @@ def for_images(found: CalibrationFile, shape: tuple[int, ...], *, scale: bool = 
 
 
 def check_calibration(calibration: Calibration, shape: tuple[int, int]) -> None:
-    """Check that a calibration was made for images of `shape` (rows, columns).
+    """Check that a calibration can be, and was made for images of `shape` (rows, columns).
 
     Raises
     ------
     FormatError
-        When the sizes differ, with the scale if one explains the difference.
+        For impossible values, and when the sizes differ, with the scale if one explains the difference.
     """
+    checked("the calibration", CalibrationFile("Python", rectified=calibration), unit_stated=True)
     if (calibration.height_px, calibration.width_px) != shape:
         _scale(calibration, shape, allowed=False)
 
