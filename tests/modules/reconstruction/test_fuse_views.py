@@ -150,6 +150,76 @@ def test_cells_far_above_the_datum_keep_their_digits():
     assert not grid.layers["moving"].any()
 
 
+@pytest.mark.parametrize("shift", [(-2, 0), (0, 0), (1, -1)])
+def test_a_map_across_the_borders_of_tiles_is_the_map_within_one(shift):
+    """Moved by whole cells so that it lies within a tile, or over the corner where four meet, it is the same map."""
+    across = np.array(shift) * TILE_CELLS * 0.1
+    maps = []
+    for start in ((10.05, 12.85), (across[0] - 2.0 + 0.05, across[1] + 0.05)):
+        fused = FusedMap(0.1)
+        fused.add(flat_view(block=(1.0, 0.3)), Pose(translation_m=(*start, 0.0)), 0.0)
+        fused.add(flat_view(0.01, block=(3.0, 0.3)), Pose(translation_m=(*start, 0.0), sigma_m=0.02), 1.0)
+        maps.append((fused, fused.elevation()))
+    (one, within), (more, over) = maps
+    assert (len(one._tiles), len(more._tiles)) == (1, 4)
+    assert within.shape == over.shape
+    for name, layer in within.layers.items():
+        np.testing.assert_allclose(over.layers[name], layer, rtol=1e-5, atol=2e-6)
+
+
+def test_the_order_of_views_at_one_time_changes_nothing_but_which_is_latest():
+    views = [(flat_view(0.02 * k, sigma=0.02), Pose(sigma_m=0.01 * k)) for k in range(3)]
+    maps = []
+    for order in ((0, 1, 2), (2, 0, 1)):
+        fused = FusedMap(0.1)
+        for k in order:
+            fused.add(*views[k], 5.0)
+        maps.append(fused.elevation())
+    for name, layer in maps[0].layers.items():
+        np.testing.assert_allclose(maps[1].layers[name], layer, rtol=1e-5, atol=1e-6)
+
+
+def test_views_that_differ_as_their_noise_says_are_not_called_moving():
+    rng = np.random.default_rng(3)
+    fused = FusedMap(0.1)
+    for k in range(12):
+        view = flat_view(sigma=0.03)
+        view.points.xyz_m[:, 2] += rng.normal(0.0, 0.03, len(view.points)).astype(np.float32)
+        fused.add(view, Pose(), float(k))
+    grid = fused.elevation()
+    assert grid.layers["moving"].mean() < 0.01
+    assert np.nanstd(grid.layers["elevation"]) < 1.3 * np.nanmedian(grid.layers["sigma_m"])
+
+
+@pytest.mark.parametrize("pose_sigma", [0.0, 0.1])
+def test_heights_that_an_uncertain_pose_explains_are_not_called_moving(pose_sigma):
+    fused = FusedMap(0.1)
+    for k in range(4):
+        fused.add(flat_view(0.08 * (-1) ** k, sigma=0.01), Pose(sigma_m=pose_sigma), float(k))
+    assert fused.elevation().layers["moving"].mean() == (1.0 if pose_sigma == 0.0 else 0.0)
+
+
+def test_a_tilt_that_is_not_known_widens_the_far_cells():
+    fused = FusedMap(0.1)
+    view = flat_view(sigma=0.001)
+    tilted = replace(view.points, shared=replace(view.points.shared, tilt_rad=0.02))
+    fused.add(replace(view, points=tilted), Pose(sigma_m=0.01), 0.0)
+    sigma = fused.elevation().layers["sigma_m"]
+    assert sigma[10, 38] == pytest.approx(math.hypot(0.02 * math.hypot(3.85, 0.05), 0.01), rel=0.05)
+    assert sigma[10, 2] < 0.3 * sigma[10, 38]
+
+
+def test_a_long_drive_holds_no_more_tiles_than_allowed(tmp_path):
+    fused = FusedMap(0.1, max_tiles=2, store=TileFolder(tmp_path))
+    held = []
+    for k in range(12):
+        fused.add(flat_view(), Pose(translation_m=(20.5 * k, 5.0, 0.0)), float(k))
+        held.append(len(fused._tiles))
+    assert max(held) == 2
+    assert len(list(tmp_path.iterdir())) + 2 == 9  # the others were put away
+    assert np.count_nonzero(np.isfinite(fused.elevation().layers["elevation"])) == 12 * 40 * 20
+
+
 @pytest.mark.parametrize(
     ("act", "words"),
     [
