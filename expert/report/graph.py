@@ -136,19 +136,23 @@ class _Builder:
         if item is not None and item.field is not None and item.value is not None:
             unit = unit_text(item.template or "", item.field)
             fields[item.field] = f"{item.field} {number_text(item.value)}{unit}"
-        self.nodes[key] = Node(key, (title, *fields.values()), f"Fact {title}: {', '.join(fields.values())}")
+        self.nodes[key] = Node(
+            key, (title, *fields.values()), ": ".join(filter(None, [f"Fact {title}", ", ".join(fields.values())]))
+        )
         return key
 
     def rule(self, rule: str, stage: str, name: str) -> Key:
         return self.node("rule", f"{stage} {rule}", [rule, name], f"Rule {rule} {name} fired in {stage}")
 
     def asked_measurements(self, firing: FiringRecord, rule: Key) -> None:
-        """Join a rule that asks for a measurement to the facts that the graph shows of it."""
-        asked = {action.text.removeprefix("measure ") for action in firing.actions if action.kind == "measure"}
-        for record in self.decision.facts:
-            key: Key = ("fact", fact_title(record))
-            if record.probe in asked and key in self.nodes:
-                self.edge(rule, key, f"asked for {record.probe}")
+        """Join a rule that asks for a measurement to those of its facts that rules fired on, or else to the first."""
+        for action in firing.actions:
+            probe = action.text.removeprefix("measure ")
+            if action.kind == "measure":
+                titles = [fact_title(record) for record in self.decision.facts if record.probe == probe]
+                known = [title for title in titles if ("fact", title) in self.nodes]
+                for title in known or titles[:1]:
+                    self.edge(rule, self.fact(title), f"asked for {probe}")
 
     def findings(self) -> None:
         """Join findings to the rules that derived them and to those that ask for them."""

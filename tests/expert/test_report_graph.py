@@ -70,6 +70,21 @@ def test_what_darkened_the_image_leads_to_the_choice_that_answers_it(graph: Deci
     assert ("finding", "exposure-differs") in before
 
 
+def test_what_rules_asked_to_be_measured_follows_them(decision: Decision, graph: DecisionGraph) -> None:
+    asked = {
+        (f"{firing.stage} {firing.rule}", action.text.removeprefix("measure "))
+        for firing in decision.firings
+        for action in firing.actions
+        if action.kind == "measure"
+    }
+    measured = {record.probe for record in decision.facts}
+    told = {
+        (edge.source[1], edge.label.removeprefix("asked for ")) for edge in graph.edges if "asked for" in edge.label
+    }
+    assert {pair for pair in asked if pair[1] in measured} == told
+    assert told
+
+
 def test_the_graph_needs_no_rules_and_is_the_same_for_the_record_read_back(decision: Decision) -> None:
     again = Decision.from_json(decision.to_json())
     assert decision_graph(again, rules_of(again)) == decision_graph(decision, rules_of(decision))
