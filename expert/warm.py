@@ -26,7 +26,8 @@ ALIGN, RANGE = "correction.align_rows", "matching.use_range"
 
 def thumbnail(image: Image) -> str:
     """Return a tiny gray copy of an image as base64, uint8 by rows; what changes between pairs is measured on it."""
-    small = cast(Image, cv2.resize(image, THUMBNAIL, interpolation=cv2.INTER_AREA))
+    step = max(1, min(image.shape[1] // (8 * THUMBNAIL[0]), image.shape[0] // (8 * THUMBNAIL[1])))
+    small = cast(Image, cv2.resize(image[::step, ::step], THUMBNAIL, interpolation=cv2.INTER_AREA))
     return base64.b64encode(to_8_bit(to_gray(small)).tobytes()).decode("ascii")
 
 

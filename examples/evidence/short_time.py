@@ -1,8 +1,8 @@
 """Print what the parts of a plan gain and what they cost.
 
-The evidence behind MEA081, MAT080 and MAT081: mean bad-1 and bad-0.5 (missing counted as wrong), wrong among valid and
-density in %, and CPU time relative to the own matcher with its usual checks, over every N-th development pair under
-four distortions of the right image.
+The evidence behind MEA081, MAT080, MAT081 and MAT086: mean bad-1 and bad-0.5 (missing counted as wrong), wrong among
+valid and density in %, and CPU time relative to the own matcher with its usual checks, over every N-th development pair
+under four distortions of the right image.
 
     TERREX_DATA=FOLDER python examples/evidence/short_time.py [--every 4]
 """
@@ -34,6 +34,13 @@ WAYS: dict[str, list[Step]] = {
     "equiangular, four paths": [(OWN, {"subpixel": "equiangular", "paths": 4}), *CHECKS],
     "and confidence": [(OWN, {}), *CHECKS, CONFIDENCE],
     "and median, confidence": [(OWN, {}), *CHECKS, ("matching.median_filter", {}), CONFIDENCE],
+    "confidence kept, islands": [
+        (OWN, {}),
+        CHECKS[0],
+        ("matching.remove_speckles", {"max_size_px": 30}),
+        ("matching.median_filter", {}),
+        ("matching.estimate_confidence", {"least": 0.0}),
+    ],
     "OpenCV's matcher": [("matching.semi_global_block_match", {}), *CHECKS],
     "block matching": [("matching.block_match", {}), *CHECKS],
 }
