@@ -16,6 +16,7 @@ NOISE_DN = 2.0  # local contrast below this is noise
 SUPPORT_CORRELATION = 0.5  # least local correlation of a pixel whose match is supported by the images
 ROW_STEP = 4  # measured on every fourth row of larger images
 LEAST_ROWS = 240  # smaller images are measured whole
+ISLAND_PX = 50  # largest area of an island
 STEP_PX = 1.0  # a larger difference of neighbouring disparities is a step
 EDGE_DN = 4.0  # least horizontal gradient of an edge of the image, per px
 EDGE_REACH_PX = 2  # an edge of the image lies at most this far from the step that it explains
@@ -46,6 +47,9 @@ class DisparityAgreement(FactModel):
         le=1,
         resolution=1e-3,
         default=None,
+    )
+    island_fraction: float = quantity(
+        "share of the pixels that are valid in islands of at most 50 px", ge=0, le=1, resolution=1e-4
     )
 
 
@@ -123,6 +127,18 @@ def unsupported_steps(left: Image, disparity: FloatImage) -> float | None:
     return float(np.mean(np.maximum(strongest[:, 1:], strongest[:, :-1])[step] < EDGE_DN))
 
 
+def small_islands(disparity: FloatImage) -> int:
+    """Count the valid pixels in 4-connected islands of at most 50 px whose neighbours differ by at most 1 px."""
+    valid = np.isfinite(disparity)
+    if not valid.any():
+        return 0
+    steps = min(16.0, 30000.0 / max(float(np.nanmax(np.abs(disparity))), 1.0))
+    empty = -32768
+    fixed = np.where(valid, np.rint(np.nan_to_num(disparity) * steps), empty).astype(np.int16)
+    cv2.filterSpeckles(fixed, empty, ISLAND_PX, max(round(steps), 1))
+    return int(np.count_nonzero(valid & (fixed == empty)))
+
+
 def measure_disparity_agreement(state: Matching) -> list[FactModel]:
     """Compare a disparity map with the images that were matched.
 
@@ -151,6 +167,7 @@ def measure_disparity_agreement(state: Matching) -> list[FactModel]:
             photometric_residual_dn=residual,
             supported_fraction=supported,
             unsupported_step_fraction=unsupported_steps(views.left[rows], thinned),
+            island_fraction=small_islands(state.disparity.disparity_px) / state.disparity.disparity_px.size,
         )
     ]
 

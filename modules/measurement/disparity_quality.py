@@ -14,7 +14,7 @@ from modules.operator import Cost
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Disparity, DisparityRange, FloatImage, Image, Invalid, Mask, Matching
 
-SPECKLE_PX = 50  # largest area of an island counted as speckle
+DECILE_STEP = 8  # every so many pixels suffice for the low decile of the confidence
 BORDER_PX = 1.0  # distance to an end of the range that counts as its border
 SIGN_WIDTH_PX = 240  # width of the reduced pair on which the sign is tested
 SIGN_DENSITY = 0.5  # the sign is tested only below this density
@@ -51,12 +51,7 @@ class DisparityQuality(FactModel):
         le=1,
         resolution=1e-4,
     )
-    speckle_fraction: float = quantity(
-        "share of the usable pixels rejected as speckle or valid in islands of at most 50 px",
-        ge=0,
-        le=1,
-        resolution=1e-4,
-    )
+    speckle_fraction: float = quantity("share of the usable pixels rejected as speckle", ge=0, le=1, resolution=1e-4)
     outside_fraction: float = quantity(
         "share of the usable pixels whose match would lie outside the right image", ge=0, le=1, resolution=1e-4
     )
@@ -96,18 +91,6 @@ class DisparityQuality(FactModel):
         resolution=1e-4,
         default=None,
     )
-
-
-def small_islands(disparity: FloatImage) -> int:
-    """Count the valid pixels in 4-connected islands of at most 50 px whose neighbours differ by at most 1 px."""
-    valid = np.isfinite(disparity)
-    if not valid.any():
-        return 0
-    steps = min(16.0, 30000.0 / max(float(np.nanmax(np.abs(disparity))), 1.0))
-    empty = -32768
-    fixed = np.where(valid, np.rint(np.nan_to_num(disparity) * steps), empty).astype(np.int16)
-    cv2.filterSpeckles(fixed, empty, SPECKLE_PX, max(round(steps), 1))
-    return int(np.count_nonzero(valid & (fixed == empty)))
 
 
 def matched_pixels(left: NDArray[np.uint8], right: NDArray[np.uint8], search: DisparityRange) -> float:
@@ -180,7 +163,6 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
         return int(counts[(flags & int(reason)) != 0].sum()) / total
 
     lower, upper = ends_of_range(disparity, state.range_px)
-    speckle = min(rejected(Invalid.SPECKLE) + small_islands(disparity.disparity_px) / total, 1.0)
     density = share(valid)
     suspect = (
         state.range_px is not None
@@ -196,7 +178,7 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
             range_border_fraction=min(share(lower | upper) + rejected(Invalid.RANGE_BORDER), 1.0),
             lower_border_fraction=share(lower),
             upper_border_fraction=share(upper),
-            speckle_fraction=speckle,
+            speckle_fraction=rejected(Invalid.SPECKLE),
             outside_fraction=rejected(Invalid.OUTSIDE),
             low_confidence_fraction=rejected(Invalid.LOW_CONFIDENCE),
             unsuitable_fraction=rejected(Invalid.TEXTURELESS | Invalid.SATURATED | Invalid.FLAT_MINIMUM),
@@ -222,7 +204,8 @@ def _trust(confidence: FloatImage, usable: int) -> _Trust:
     """Sum up the confidence of the valid pixels (N,) among so many usable ones."""
     values = np.clip(confidence, 0.0, 1.0)
     expected = float(np.sum(values, dtype=np.float64))
-    decile = float(np.partition(values, values.size // 10)[values.size // 10]) if values.size else 0.0
+    some = values[::DECILE_STEP]
+    decile = float(np.partition(some, some.size // 10)[some.size // 10]) if some.size else 0.0
     return _Trust(expected / max(values.size, 1), decile, min(expected / usable, 1.0))
 
 

@@ -53,3 +53,13 @@ def test_an_empty_map_agrees_with_nothing_and_no_map_gives_no_fact() -> None:
     fact = measure(np.nan, pair())
     assert (fact.photometric_residual_dn, fact.supported_fraction) == (None, None)
     assert PROBE.function(Matching(pair())) == []
+
+
+def test_a_patch_of_other_disparities_is_an_island() -> None:
+    views = pair()
+    values = np.full(views.shape, np.float32(SHIFT))
+    values[20:25, 50:58] = SHIFT + 8
+    state = Matching(views, DisparityRange(0, 16), Disparity(values, np.zeros(views.shape, np.uint16)))
+    (fact,) = PROBE.function(state)
+    assert isinstance(fact, DisparityAgreement)
+    assert fact.island_fraction == pytest.approx(40 / values.size, abs=1e-4)
