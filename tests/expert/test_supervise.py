@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
+import pytest
 from pydantic import Field
 from synthetic_pairs import shifted
 
+from expert.costs import Costs
 from expert.engine import make_engine
 from expert.facts import Task, to_fact, vocabulary
 from expert.plan import Directives
@@ -68,7 +70,8 @@ class World:
                 raise OperatorError("it is broken")
             return f"{state}>{name.split('.')[1]}{params.level}"
 
-        return Operator(name, slot, Params, work, Cost(), "Logs")
+        cost = Cost(fixed_ms=1e3) if name == "matching.fine" else Cost()
+        return Operator(name, slot, Params, work, cost, "Logs")
 
     def operators(self) -> dict[str, Operator]:
         made = [self.operator(f"correction.{name}", "radiometry") for name in ("mild", "strong")]
@@ -133,6 +136,23 @@ def test_a_good_first_trial_is_accepted() -> None:
     assert [(trial.number, trial.score, trial.kept, trial.answer) for trial in run.trials] == [
         (1, 0.9, True, "accepted")
     ]
+
+
+@pytest.mark.parametrize(("budget_s", "tried"), [(0.9, ["plain 1"]), (1.1, ["plain 1", "fine 1"])])
+def test_a_trial_that_does_not_fit_the_budget_is_given_up_and_said(budget_s: float, tried: list[str]) -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>fine1": 0.9})
+    run = world.run({"stage": "matching", "when": [POOR], "then": [{"repair": "matching.fine"}]})
+    run.facts = {to_fact(Task(time_budget_s=budget_s)): None}
+    known = run.knowledge
+    run.costs = Costs(known.rules.base, known.operators, known.probes, pixels=100, columns=10, calibrated=False)
+    matched(run)
+    assert world.log == [f"matching.{name}" for name in tried]
+    sentences = [finding.sentence for finding in run.findings()]
+    given_up = (
+        "another trial of the matching was given up: it is predicted to take 1.00 s, and about 0.89 s of the time "
+        "budget of 0.9 s are left"
+    )
+    assert sentences == ([given_up] if len(tried) == 1 else [])
 
 
 def test_a_cheap_probe_always_runs_and_a_dear_one_only_on_demand() -> None:
