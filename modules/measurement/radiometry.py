@@ -27,7 +27,7 @@ BEYOND = 1.3  # half ranges from their middle where the curve goes on as a strai
 # What the models themselves are wrong by on real pairs, where gloss and parallax act: see docs/facts_validation.md.
 GAIN_ERROR, OFFSET_ERROR_DN, DIFFERENCE_ERROR_DN, GAMMA_ERROR, CAST_ERROR = 0.015, 2.0, 1.2, 0.035, 0.015
 KEPT_PERCENT = 85  # of squared residuals; larger ones are wrong matches and count as this one
-LOCAL_GAMMA_ERROR = 0.015
+LOCAL_GAMMA_ERROR = (0.01, 0.15)  # absolute, and of the distance from 1: blocks near edges of light flatten it
 PATCHY = 0.06  # of `LightFit.patchy`; tone curves are not to be trusted under light that differs this much
 CAST_DN = 20.0  # darker blocks say little about colour
 CAST_BLOCKS = 60
@@ -144,7 +144,7 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
             gamma=float(power[1]),
             gamma_sigma=float(np.hypot(CORRELATED * np.sqrt(max(power_covariance[1, 1], 0)), GAMMA_ERROR)),
             local_gamma=local[0] if local else None,
-            local_gamma_sigma=float(np.hypot(local[1], LOCAL_GAMMA_ERROR)) if local else None,
+            local_gamma_sigma=_local_gamma_sigma(*local) if local else None,
             constancy_residual_dn=_rms(right - left),
             gain_residual_dn=_rms(right - np.median(right / left) * left),
             offset_residual_dn=_rms(right - left - np.median(right - left)),
@@ -156,6 +156,10 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
             log_ratio_spread=robust_sigma(log_ratio(left, blocks.right)),
         )
     ]
+
+
+def _local_gamma_sigma(exponent: float, sigma: float) -> float:
+    return float(np.hypot(sigma, LOCAL_GAMMA_ERROR[0] + LOCAL_GAMMA_ERROR[1] * abs(exponent - 1)))
 
 
 def _power_ratio(beyond_1: float, levels: Floats) -> Floats:

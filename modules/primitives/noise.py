@@ -130,7 +130,8 @@ def _line(level: Floats, variance: Floats) -> tuple[float, float, Floats]:
     design = np.column_stack([np.ones_like(level), level]) * weight[:, None]
     (floor, slope), covariance, _ = fit_linear(design, variance * weight, 1.0)
     model = TEXTURE_ERROR * float(np.median(variance))
-    errors = np.hypot(np.sqrt(np.maximum(np.diag(covariance), 0)), [model, model / np.ptp(level)])
+    falling = max(0.0, -float(slope)) * float(np.median(level))  # by texture: the floor may be as much lower
+    errors = np.hypot(np.sqrt(np.maximum(np.diag(covariance), 0)), [model + falling, model / np.ptp(level)])
     return float(floor), float(slope), errors
 
 
