@@ -42,7 +42,9 @@ from modules.probe import Probe
 from modules.simulation.distortions import REFERENCE_DISTORTIONS, distort_right
 from modules.types import Views
 
-NUMERIC = ("lt", "le", "gt", "ge", "abs_lt", "abs_le", "abs_gt", "abs_ge", "between")
+NUMERIC = (
+    "lt", "le", "gt", "ge", "abs_lt", "abs_le", "abs_gt", "abs_ge", "between", "significantly_gt", "significantly_lt"
+)  # fmt: skip
 PERCENTILES = (0, 10, 50, 90, 100)
 HEADINGS = ("least", "10 %", "median", "90 %", "largest")
 AS_RECORDED = "as recorded"  # undistorted pairs that differ already: other light or exposure
