@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from expert.evaluate.ablation import RuleEffect
@@ -12,6 +12,8 @@ from expert.evaluate.summary import Summary, SystemLine, gap_text
 from expert.pages import render
 
 WIDTH, HEIGHT, MARGIN = 900, 420, 60
+LETTER_PX, LINE_PX = 6.4, 13.0  # of a label of 12 px
+Box = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class Mark:
     x: float
     y: float
     title: str
-    best: bool
+    label: tuple[float, float] | None = None  # where its name begins; None where there is no room for it
 
 
 @dataclass(frozen=True)
@@ -75,10 +77,10 @@ def plot(lines: Sequence[SystemLine]) -> Plot:
             x(line.cpu_s),
             y(line.bad_1),
             f"{line.name}: {line.bad_1:.2f} % at {line.cpu_s:.3f} s",
-            line in front,
         )
         for line in lines
     )
+    named = {line.name for line in lines if line in front or line.kind != "fixed"}
     seconds = [s * 10.0**e for e in range(-4, 3) for s in (1, 2, 5) if low <= math.log10(s * 10.0**e) <= high]
     step = 10 ** math.floor(math.log10(top)) / (1 if top / 10 ** math.floor(math.log10(top)) > 4 else 2)
     percents = [i * step for i in range(int(top / step) + 1)]
@@ -86,11 +88,39 @@ def plot(lines: Sequence[SystemLine]) -> Plot:
     for one, two in pairwise(front):
         corners += [f"{x(two.cpu_s)},{y(one.bad_1)}", f"{x(two.cpu_s)},{y(two.bad_1)}"]
     return Plot(
-        marks,
+        labelled(marks, named),
         tuple(Tick(x(s), f"{s:g} s") for s in seconds),
         tuple(Tick(y(p), f"{p:g} %") for p in percents),
         " ".join(corners),
     )
+
+
+def labelled(marks: Sequence[Mark], named: Collection[str]) -> tuple[Mark, ...]:
+    """Give the marks that have a name a place for it beside them, where no other mark or name is."""
+    taken: list[Box] = [(mark.x - 5, mark.y - 5, mark.x + 5, mark.y + 5) for mark in marks]
+    placed = {}
+    for mark in sorted(marks, key=lambda item: (item.kind == "fixed", item.y)):
+        if mark.name in named:
+            placed[mark.name] = _free_place(mark, taken)
+    return tuple(replace(mark, label=placed.get(mark.name)) for mark in marks)
+
+
+def _free_place(mark: Mark, taken: list[Box]) -> tuple[float, float] | None:
+    """Return where a name can begin, and take that place: beside the mark, else above or below it, else nowhere."""
+    length = LETTER_PX * len(mark.name)
+    for line in (0, -1, 1, -2, 2, -3, 3, -4, 4):
+        for left in (mark.x + 9, mark.x - 9 - length):
+            middle = mark.y + line * LINE_PX
+            box = (left, middle - LINE_PX / 2, left + length, middle + LINE_PX / 2)
+            inside = box[0] >= MARGIN and box[2] <= WIDTH and box[1] >= MARGIN / 2 and box[3] <= HEIGHT - MARGIN
+            if inside and not any(_meet(box, other) for other in taken):
+                taken.append(box)
+                return round(left, 1), round(middle + 4, 1)
+    return None
+
+
+def _meet(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def as_html(summary: Summary, effects: Sequence[RuleEffect] = ()) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from expert.evaluate.compare import compare
-from expert.evaluate.page import as_html, pareto_front
+from expert.evaluate.page import Mark, as_html, labelled, pareto_front
 from expert.evaluate.store import Row
 from expert.evaluate.summary import as_text, regrets, summarise
 from expert.evaluate.table import Table, closed_gap, cross_validated, resample
@@ -122,3 +122,11 @@ def test_the_test_by_pairs_counts_pairs_and_the_test_by_scenes_counts_scenes() -
     assert found.p_pairs == pytest.approx(2 / 2**6)  # all six differ in one direction
     assert found.p_value == pytest.approx(2 / 2**2)  # of two scenes
     assert "p = 0.0312 by pairs, 0.5 by scenes (Wilcoxon)" in found.text()
+
+
+def test_names_in_the_plot_cover_neither_marks_nor_each_other() -> None:
+    marks = tuple(Mark(f"terrex {i}, range estimated", "terrex", 840.0 - i, 300.0 + i % 2, "") for i in range(5))
+    placed = [mark.label for mark in labelled(marks, {mark.name for mark in marks})]
+    assert all(place is not None for place in placed)
+    assert len({place[1] for place in placed if place is not None}) == 5  # one line each
+    assert all(place[0] + 6 * len(marks[0].name) < 900 for place in placed if place is not None)
