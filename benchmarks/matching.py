@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from benchmarks.accuracy import score
-from expert.evaluate.pandora import pandora_at
+from expert.evaluate.peer import pandora_at
 from modules.catalog import operators
 from modules.formats.datasets import read_index
 from modules.matching.common import Bytes

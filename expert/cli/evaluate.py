@@ -67,6 +67,7 @@ def evaluate(
     """Measure terrex and a grid of fixed configurations on pairs with truth."""
     from expert.evaluate import PandoraSystem, Store, Table, fixed_grid
     from expert.evaluate.page import as_html
+    from expert.evaluate.run import warm
     from expert.evaluate.summary import as_text, summarise
     from modules.formats._text import write_text
 
@@ -85,6 +86,8 @@ def evaluate(
         return
     picked = _candidates(candidate or [], base)
     peers = [] if pandora is None else [PandoraSystem(pandora)]
+    for peer in peers:
+        warm(peer)  # a peer that cannot work ends the evaluation before it begins
     systems: list[System] = [*own, *picked, *_chosen(fixed_grid(), only), *peers]
     _run(cases, systems, store, jobs)
     table = Table.of(store.rows({system.name: system.digest() for system in systems}), [s.name for s in systems])

@@ -2,7 +2,7 @@
 
 from expert.evaluate.cases import Case, RenderedTerrain, expand, parse_variants
 from expert.evaluate.grid import FixedSystem, fixed_grid
-from expert.evaluate.pandora import PandoraSystem
+from expert.evaluate.peer import PandoraSystem
 from expert.evaluate.run import RunReport, evaluate
 from expert.evaluate.store import Row, Store
 from expert.evaluate.systems import ExpertConfiguration

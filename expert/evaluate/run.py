@@ -124,11 +124,16 @@ def run_part(part: Work) -> list[str]:
         try:
             pair = pair or case.source.load()
             views = case.distort(pair.views)
-            rows = [measure(case, pair, views, warm(system), digest) for system, digest in todo]
         except (OSError, ValueError) as error:
             problems.append(f"{case.key}: {error}")
-        else:
-            store.add(rows)
+            continue
+        rows = []
+        for system, digest in todo:
+            try:
+                rows.append(measure(case, pair, views, warm(system), digest))
+            except (OSError, ValueError) as error:
+                problems.append(f"{case.key}: {system.name}: {error}")
+        store.add(rows)
     return problems
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from expert.evaluate import pandora
-from expert.evaluate.pandora import Pandora, PandoraSystem, pandora_at
+from expert.evaluate import peer
+from expert.evaluate.peer import Pandora, PandoraSystem, pandora_at
 from modules.formats import FormatError
 from modules.types import DisparityRange, Views
 
@@ -31,11 +31,11 @@ VIEWS = Views(np.zeros((20, 30, 3), np.uint8), np.zeros((20, 30, 3), np.uint8))
 @pytest.fixture
 def worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "worker.py").write_text(STAND_IN)
-    monkeypatch.setattr(pandora, "WORKER", tmp_path / "worker.py")
+    monkeypatch.setattr(peer, "WORKER", tmp_path / "worker.py")
     yield tmp_path / "worker.py"
-    if pandora._started.cache_info().currsize:
-        pandora._started(Path(sys.executable)).close()
-        pandora._started.cache_clear()
+    if peer._started.cache_info().currsize:
+        peer._started(Path(sys.executable)).close()
+        peer._started.cache_clear()
 
 
 @pytest.mark.usefixtures("worker")
@@ -49,10 +49,10 @@ def test_a_peer_is_one_system_among_others_with_what_it_took_in_its_own_process(
 
 def test_the_last_words_of_a_peer_that_ended_are_told(worker: Path) -> None:
     worker.write_text("raise SystemExit('no module named plugin_libsgm')")
-    peer = Pandora(Path(sys.executable))
+    lost = Pandora(Path(sys.executable))
     with pytest.raises(FormatError, match=r"Pandora has ended \(no module named plugin_libsgm\); install it with"):
-        peer.match(VIEWS, DisparityRange(0, 8))
-    peer.close()
+        lost.match(VIEWS, DisparityRange(0, 8))
+    lost.close()
 
 
 def test_a_peer_that_is_not_installed_is_left_out_or_named(tmp_path: Path) -> None:

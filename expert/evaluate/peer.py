@@ -48,7 +48,7 @@ class Pandora:
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115  closed with the process
         try:
             self._process = subprocess.Popen(
-                [str(python), str(WORKER)],
+                [str(python), "-I", str(WORKER)],  # isolated, so that it finds no module of ours
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
