@@ -91,8 +91,8 @@ bench-facts: $(STAMP)  ## Compare facts with simulated truth: bias, spread, disp
 bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matrix over development pairs (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.causes $(ARGS)
 
-bench-accuracy: $(STAMP)  ## Measure terrex and fixed configurations over development pairs x distortions (needs TERREX_DATA)
-	@$(BIN)/python -m benchmarks.accuracy $(ARGS)
+bench-accuracy: $(STAMP)  ## Measure terrex and 30 fixed configurations over development pairs x distortions; ARGS=--pandora ... (needs TERREX_DATA)
+	@$(BIN)/terrex evaluate $(or $(TERREX_DATA),$(error no data: set TERREX_DATA)) --split dev --out build/evaluation --jobs $(JOBS) $(ARGS)
 
 bench-matching: $(STAMP)  ## Measure the matchers: accuracy, time, memory, scaling, pixel locking (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.matching $(ARGS)

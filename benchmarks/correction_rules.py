@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy import score
+from benchmarks.pairs import bad_1_percent
 from expert import ExpertSystem, StereoPair
 from modules.catalog import operators, probes
 from modules.correction import OPERATORS
@@ -126,7 +126,7 @@ def bad_1(pair: DatasetPair, views: Views) -> float:
     for name, values in MATCHER:
         state = operators()[name].function(state, operators()[name].params(**values))
     assert state.disparity is not None
-    return score(state.disparity.disparity_px, pair)[0]
+    return bad_1_percent(state.disparity.disparity_px, pair)
 
 
 class Kept:

@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.accuracy import score
+from benchmarks.pairs import bad_1_percent
 from expert.evaluate.peer import pandora_at
 from modules.catalog import operators
 from modules.formats.datasets import read_index
@@ -72,14 +72,13 @@ def accuracy(data: Path, every: int, python: Path) -> None:
                 views = distort_right(pair.views, kind, seed=number)
                 for name in names:
                     for check in (False, True):
-                        bad = score(run(*SYSTEMS[name], views, search, check), pair)[0]
+                        bad = bad_1_percent(run(*SYSTEMS[name], views, search, check), pair)
                         found.setdefault((name, kind, check), []).append(bad)
                         if kind == "clean" and not pair.differs:
                             same.setdefault(f"{name}{', checked' if check else ''}", []).append(bad)
             if pandora is not None and not pair.differs:
-                same.setdefault("Pandora, cross-checked", []).append(
-                    score(pandora.match(pair.views, search)[0], pair)[0]
-                )
+                found_by_peer, _ = pandora.match(pair.views, search)
+                same.setdefault("Pandora, cross-checked", []).append(bad_1_percent(found_by_peer, pair))
     print("\nmean bad-1 in %, missing counted as wrong, range given, not occluded")
     print(f"  {'':34s}" + "".join(f"{kind:>9s}" for kind in kinds) + f"{'mean':>9s}")
     means = {}

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expert import StereoPair
+from expert.evaluate.scores import score
+from modules.formats.datasets import DatasetPair
 from modules.formats.disparity import read_pfm
 from modules.formats.images import read_image
 from modules.simulation.sensor import SensorParams, apply_sensor
 from modules.simulation.terrain import TerrainParams, render_terrain
-from modules.types import Calibration
+from modules.types import Calibration, FloatImage
 
 DARK = SensorParams(gain=0.45, noise_sigma_dn=1.5)
 UNOCCLUDED = 255  # value of the masks of the development pairs
@@ -29,6 +31,13 @@ class ScoredPair:
     truth_px: NDArray[np.float32] | None = None
     scored: NDArray[np.bool_] | None = None
     ndisp: int = 128
+
+
+def bad_1_percent(disparity_px: FloatImage, pair: DatasetPair) -> float:
+    """Return the share of scored pixels that are wrong by more than 1 px, missing counted as wrong, %."""
+    assert pair.truth_px is not None
+    assert pair.scored is not None
+    return score(disparity_px, pair.truth_px, pair.scored).bad_1
 
 
 def development_pairs(folder: Path) -> Iterator[ScoredPair]:
