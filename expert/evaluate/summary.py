@@ -83,6 +83,7 @@ class Summary:
     gaps: tuple[GapLine, ...]
     choices: tuple[Choice, ...]
     regrets: tuple[Regret, ...]
+    fired: dict[str, dict[str, int]]  # by rule and system, in how many cases
 
 
 SUBSETS: tuple[tuple[str, Callable[[Row], bool]], ...] = (
@@ -120,7 +121,20 @@ def summarise(table: Table, candidates: Sequence[str] = ()) -> Summary:
         tuple(_gaps(table, own)),
         tuple(_choices(table, candidates)),
         tuple(regrets(table, [name for name in own if table.kinds[name] == "terrex"])),
+        _fired(table, own),
     )
+
+
+def _fired(table: Table, systems: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Count the cases in which each rule fired, the most frequent rules first."""
+    found: dict[str, dict[str, int]] = {}
+    for name in systems:
+        at = table.systems.index(name)
+        for rows in table.rows:
+            for rule in rows[at].rules:
+                counts = found.setdefault(rule, dict.fromkeys(systems, 0))
+                counts[name] += 1
+    return dict(sorted(found.items(), key=lambda item: (-max(item[1].values()), item[0])))
 
 
 def _of_variant(table: Table, variant: str) -> Table:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -130,3 +132,15 @@ def test_names_in_the_plot_cover_neither_marks_nor_each_other() -> None:
     assert all(place is not None for place in placed)
     assert len({place[1] for place in placed if place is not None}) == 5  # one line each
     assert all(place[0] + 6 * len(marks[0].name) < 900 for place in placed if place is not None)
+
+
+def test_rules_are_counted_by_the_cases_in_which_they_fired() -> None:
+    rows = [
+        replace(row(f"{case}|clean", name, 3.0, kind="terrex"), rules=rules)
+        for name in ("fast", "best")
+        for case, rules in (("one", ("COR001", "MAT001")), ("two", ("MAT001",)))
+    ]
+    assert summarise(Table.of(rows, ["fast", "best"])).fired == {
+        "MAT001": {"fast": 2, "best": 2},
+        "COR001": {"fast": 1, "best": 1},
+    }
