@@ -84,6 +84,7 @@ def evaluate(
     if compare is not None:
         typer.echo(_compared_rules(compare, base, cases, store, jobs), nl=False)
         return
+    left_out = _left_out(ablation or [], base)
     picked = _candidates(candidate or [], base)
     peers = [] if pandora is None else [PandoraSystem(pandora)]
     for peer in peers:
@@ -92,7 +93,7 @@ def evaluate(
     _run(cases, systems, store, jobs)
     table = Table.of(store.rows({system.name: system.digest() for system in systems}), [s.name for s in systems])
     summary = summarise(table, [base.name, *(item.name for item in picked)] if picked else [])
-    effects = _ablated(ablation or [], base, cases, store, jobs)
+    effects = _ablated(left_out, base, cases, store, jobs)
     write_text(out / "evaluation.html", as_html(summary, effects))
     typer.echo(as_text(summary), nl=False)
     if effects:
@@ -199,20 +200,26 @@ def _difference(rows: Sequence[Row], a: str, b: str) -> str:
         raise UsageError(str(error)) from error
 
 
-def _ablated(
-    wanted: Sequence[str], system: ExpertConfiguration, cases: Sequence[Case], store: Store, jobs: int
-) -> tuple[RuleEffect, ...]:
-    from expert.evaluate.ablation import ablate
+def _left_out(wanted: Sequence[str], system: ExpertConfiguration) -> tuple[str, ...]:
+    """Return the rules to leave out, one at a time; a name that is unknown is told before anything runs."""
     from expert.rules.problem import suggest
 
-    if not wanted:
-        return ()
-    known = system.system.rule_ids
+    known = system.system.rule_ids if wanted else ()
     for rule in wanted:
         if rule not in known and rule != "all":
             raise UsageError(f"there is no rule {rule!r}; {suggest(rule, known)}".rstrip("; "))
+    return known if "all" in wanted else tuple(wanted)
+
+
+def _ablated(
+    rules: Sequence[str], system: ExpertConfiguration, cases: Sequence[Case], store: Store, jobs: int
+) -> tuple[RuleEffect, ...]:
+    from expert.evaluate.ablation import ablate
+
+    if not rules:
+        return ()
     with _bar() as progress:
-        return ablate(system, known if "all" in wanted else tuple(wanted), cases, store, jobs=jobs, progress=progress)
+        return ablate(system, rules, cases, store, jobs=jobs, progress=progress)
 
 
 @contextmanager

@@ -179,6 +179,7 @@ def test_the_command_writes_a_page_and_prints_the_summary(
         (["--rendered", "1", "--profile", "quick"], "there is no profile 'quick'; known: fast, balanced, best"),
         (["--rendered", "1", "--only", "sgbm-4"], "there is no fixed configuration 'sgbm-4'; did you mean 'sgbm-9'?"),
         (["--rendered", "1", "--every", "0"], "--every 0 is below 1; give 1 or more"),
+        (["--rendered", "1", "--ablation", "MAT0001"], "there is no rule 'MAT0001'; did you mean 'MAT001'?"),
     ],
 )
 def test_wrong_usage_is_named(
