@@ -102,6 +102,7 @@ def rendered_decisions(system: ExpertSystem) -> Iterator[Decision]:
         StereoPair(made.left, made.right, disparity_range_px=(0, 32), **known)
     )
     given = StereoPair(made.left, made.right, disparity_range_px=(0, 32))
+    yield system.decide(replace(given, disparity_range_px=(0, 256)))
     for profile in ("fast", "best"):
         yield ExpertSystem(profile=profile, engine="compiled", memory_budget_mb=1).decide(given)
     for budget in (0.001, 0.03, 0.058, 0.07):  # from less than anything takes to the plan of the fast profile
