@@ -51,7 +51,7 @@ MAP_NODES = {
     "roughness": (0, 3, 8, 15, 25, 40),
     "breaks": (0, 5, 15, 30, 60, 120),
 }
-NUMBERS = ("agreement", "over_chance", "density", "bad_percent", "wrong_percent")  # of a run, as they are kept
+NUMBERS = ("edges", "agreement", "over_chance", "density", "bad_percent", "wrong_percent")  # of a run, as they are kept
 TABLES = Path("modules/primitives/confidence_tables.py")
 MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 RIDGE = 1e-5  # keeps tables finite where no pixel decides
@@ -77,6 +77,8 @@ class Runs:
         The run that each pixel is of, rising.
     whole : float64 (R, kinds of MAP_NODES)
         Mean code over the run's map, NaN where unknown.
+    edges : float64 (R,)
+        Gradient of the image at steps of the disparity.
     factor : float64 (R,)
         What the agreement over chance leaves of the confidence.
     density, bad, wrong : float64 (R,)
@@ -88,6 +90,7 @@ class Runs:
     error_px: NDArray[np.float32]
     run: NDArray[np.int32]
     whole: Floats
+    edges: Floats
     factor: Floats
     density: Floats
     bad: Floats
@@ -140,11 +143,11 @@ def read_runs(cache: Path) -> Runs:
                 facts.append((*mean_codes(found), *numbers))
                 names.append((file.stem.split("-")[0], str(kept["kind"]), str(kept["group"]), configuration))
     table = np.array(facts)
-    agreement, over_chance, density, bad, wrong = table[:, len(KINDS) :].T
+    edges, agreement, over_chance, density, bad, wrong = table[:, len(KINDS) :].T
     factor = np.array([chance_factor(None if np.isnan(value) else value) for value in over_chance])
     whole = np.column_stack([agreement if kind == "agreement" else table[:, KINDS.index(kind)] for kind in MAP_NODES])
     return Runs(
-        np.hstack(codes), np.concatenate(errors), np.concatenate(runs), whole, factor, density, bad, wrong, names
+        np.hstack(codes), np.concatenate(errors), np.concatenate(runs), whole, edges, factor, density, bad, wrong, names
     )
 
 

@@ -163,6 +163,7 @@ def record(case: Case, state: Matching) -> dict[str, NDArray[np.generic]]:
         "wrong_percent": np.float64(100 * np.mean(~good[valid]) if valid.any() else 0.0),
         "density_percent": np.float64(100 * np.mean(valid)),
         "density": np.float64(evidence.density),
+        "edges": np.float64(evidence.edges),
         "agreement": np.float64(np.nan if evidence.agreement is None else evidence.agreement),
         "over_chance": np.float64(np.nan if evidence.over_chance is None else evidence.over_chance),
         "codes": np.stack([evidence.codes(kind)[grid].ravel() for kind in SCALES]),

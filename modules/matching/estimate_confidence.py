@@ -11,6 +11,7 @@ from modules.matching.common import require_disparity
 from modules.operator import Cost, Operator, OperatorParams
 from modules.primitives.agreement import gather_evidence
 from modules.primitives.confidence import predict_confidence, predict_sigma_px
+from modules.primitives.merit import predict_merit
 from modules.types import Invalid, Matching
 
 
@@ -40,7 +41,8 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
     Returns
     -------
     Matching
-        With `confidence` float32 (H, W), 0 where there is no disparity, and `sigma_px` float32 (H, W), NaN there;
+        With `confidence` float32 (H, W), 0 where there is no disparity, `sigma_px` float32 (H, W), NaN there, and
+        `merit`, the share of pixels that are right, predicted before any is rejected;
         rejected pixels carry `Invalid.LOW_CONFIDENCE` and keep both.
 
     Raises
@@ -64,7 +66,12 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
     disparity = require_disparity(state, "matching.estimate_confidence")
     evidence = gather_evidence(*state.views.as_seen, disparity, state.range_px)
     confidence = predict_confidence(evidence)
-    known = replace(disparity, confidence=confidence, sigma_px=predict_sigma_px(evidence))
+    known = replace(
+        disparity,
+        confidence=confidence,
+        sigma_px=predict_sigma_px(evidence),
+        merit=predict_merit(evidence, confidence),
+    )
     return replace(state, disparity=known.reject(confidence < np.float32(params.least), Invalid.LOW_CONFIDENCE))
 
 
@@ -73,7 +80,7 @@ OPERATOR = Operator(
     slot="confidence",
     params=EstimateConfidenceParams,
     function=estimate_confidence,
-    cost=Cost(fixed_ms=0.5, ns_per_pixel=70.0),
+    cost=Cost(fixed_ms=1.5, ns_per_pixel=25.0),
     summary="Predict for each pixel whether its disparity is right and how exact, and reject the unlikely ones.",
     suits="After all checks; a higher limit trades density for fewer wrong pixels. Empties unrelated images.",
 )

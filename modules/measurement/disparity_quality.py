@@ -84,8 +84,8 @@ class DisparityQuality(FactModel):
     )
     sign_suspect: bool = quantity("few pixels match, and many more with disparities of the opposite sign")
     score: float | None = quantity(
-        "no-reference score: expected share of the usable pixels that have a disparity right within 1 px; absent where "
-        "the confidence was not estimated",
+        "no-reference score: predicted share of the usable pixels that have a disparity right within 1 px; absent "
+        "where the confidence was not estimated",
         ge=0,
         le=1,
         resolution=1e-4,
@@ -141,9 +141,8 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
 
     Notes
     -----
-    The score is the expected share of the usable pixels that have a disparity right within 1 px: the sum of the
-    confidence over the valid pixels. It orders trials of one pair, whatever matcher made them
-    (`benchmarks/quality_score.py`).
+    The score is the merit that the confidence was estimated with (`modules.primitives.merit`). It orders trials of one
+    pair, whatever matcher made them and whatever corrections it was given (`benchmarks/quality_score.py`).
     """
     disparity = state.disparity
     if disparity is None:
@@ -169,7 +168,7 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
         and density < SIGN_DENSITY
         and opposite_sign_matches(views.left, views.right, state.range_px)
     )
-    trust = _Trust() if disparity.confidence is None else _trust(disparity.confidence[valid], total)
+    trust = _Trust() if disparity.confidence is None else _trust(disparity.confidence[valid])
     return [
         DisparityQuality(
             density_fraction=density,
@@ -186,7 +185,7 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
             confidence_mean=trust.mean,
             confidence_low_decile=trust.low_decile,
             sign_suspect=suspect,
-            score=trust.score,
+            score=disparity.merit,
         )
     ]
 
@@ -197,16 +196,15 @@ class _Trust:
 
     mean: float | None = None
     low_decile: float | None = None
-    score: float | None = None
 
 
-def _trust(confidence: FloatImage, usable: int) -> _Trust:
-    """Sum up the confidence of the valid pixels (N,) among so many usable ones."""
+def _trust(confidence: FloatImage) -> _Trust:
+    """Sum up the confidence of the valid pixels (N,)."""
     values = np.clip(confidence, 0.0, 1.0)
     expected = float(np.sum(values, dtype=np.float64))
     some = values[::DECILE_STEP]
     decile = float(np.partition(some, some.size // 10)[some.size // 10]) if some.size else 0.0
-    return _Trust(expected / max(values.size, 1), decile, min(expected / usable, 1.0))
+    return _Trust(expected / max(values.size, 1), decile)
 
 
 def ends_of_range(disparity: Disparity, search: DisparityRange | None) -> tuple[Mask, Mask]:
@@ -226,6 +224,6 @@ PROBE = Probe(
     function=measure_disparity_quality,
     tier="cheap",
     subject="disparity",
-    summary="Counts what was matched and rejected, and why, and sums up the confidence to a no-reference score.",
+    summary="Counts what was matched and rejected, and why, and sums up the confidence; has the no-reference score.",
     cost=Cost(fixed_ms=1, ns_per_pixel=25),
 )

@@ -24,10 +24,11 @@ BREAK_PX = 1.0  # neighbouring disparities that differ by more do not belong to 
 NOISE_VARIANCE = 1.0  # of gray levels after rounding and a good sensor's noise, DN^2
 LEAST_SLOPE = 0.05  # square of the horizontal gradient below which nothing is localised, (DN/px)^2
 QUARTER = 25  # percentile of the differences over the map that right matches are taken to have
-MOST_NOISE = 1.0  # most of the difference that is taken for noise, over the noise of both images
 MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 SHIFT_VARIANCE = 0.04  # of right matches, by rounding and subpixel errors, px^2
-IMPOSSIBLE = Invalid.MASKED | Invalid.SKY | Invalid.OUTSIDE  # reasons that say nothing about the match
+UNWANTED = Invalid.MASKED | Invalid.SKY  # pixels that are not to be matched
+STEP_PX = 3.0  # a larger difference of neighbouring disparities is an edge of an object
+FLAT_DN = 0.5  # added to gradients before they are compared
 UNKNOWN = 255  # code of evidence that is missing
 LAST_CODE = 254
 
@@ -67,10 +68,13 @@ class Evidence:
     valid : bool (H, W)
         Pixels with a disparity whose match lies in the right image. Codes mean something only there.
     density : float
-        Valid pixels over those that could be: neither masked nor sky nor matched outside the right image.
+        Valid pixels over those that are neither masked nor sky.
     agreement : float or None
         Mean correlation over the map, by the contrast of the windows: what is flat neither agrees nor disagrees. None
         where nothing is valid.
+    edges : float
+        Mean log2 of the gradient of the left image where the disparity steps by more than 3 px, over the median
+        gradient: objects end where the image has edges, and smoothing moves them away. 0 without steps.
     over_chance : float or None
         How much better the pair matches than one whose right image is upside down (`agreement_over_chance`).
     """
@@ -80,6 +84,7 @@ class Evidence:
     valid: Mask
     density: float
     agreement: float | None
+    edges: float
     over_chance: float | None
 
     def codes(self, kind: str) -> Codes:
@@ -118,22 +123,24 @@ def gather_evidence(left: Image, right: Image, disparity: Disparity, search: Dis
         valid = (column >= -0.5) & (column <= columns - 0.5)
     column[~valid] = -1.0
     row = np.repeat(np.arange(rows, dtype=np.float32)[:, None], columns, axis=1)
-    coarse, agreement = _photometric(one, other, column, row, valid)
+    smooth = [np.asarray(cv2.GaussianBlur(image, (3, 3), 0), np.uint8) for image in (one, other)]
+    noise = _noise_variance(one) + _noise_variance(other)
+    coarse, agreement = _photometric(smooth, noise, column, row, valid)
     fine = _geometric(values, valid)
     fine["left_right"] = _left_right(disparity, column, row, valid)
     fine["excess"] = (
         np.full(values.shape, UNKNOWN, np.uint8) if disparity.excess is None else _code(disparity.excess, "excess")
     )
-    possible = int(np.count_nonzero(valid | ((disparity.validity & np.uint16(IMPOSSIBLE)) == 0)))
-    return Evidence(coarse, fine, valid, int(np.count_nonzero(valid)) / max(possible, 1), agreement, over_chance)
+    wanted = int(np.count_nonzero((disparity.validity & np.uint16(UNWANTED)) == 0))
+    density = int(np.count_nonzero(valid)) / max(wanted, 1)
+    return Evidence(coarse, fine, valid, density, agreement, _edges(smooth[0], values), over_chance)
 
 
 def _photometric(
-    left: Codes, right: Codes, column: FloatImage, row: FloatImage, valid: Mask
+    smooth: list[Codes], noise_variance: float, column: FloatImage, row: FloatImage, valid: Mask
 ) -> tuple[dict[str, Codes], float | None]:
     """Compare the left image with the right one sampled at its matches, in windows of valid pixels."""
     some = (slice(None, None, STEP), slice(None, None, STEP))
-    smooth = [np.asarray(cv2.GaussianBlur(image, (3, 3), 0), np.uint8) for image in (left, right)]
     warped = np.asarray(cv2.remap(smooth[1], column[some], row[some], cv2.INTER_LINEAR), np.uint8)
     weight = valid[some].astype(np.uint8)
     one, other = smooth[0][some] * weight, warped * weight
@@ -151,27 +158,45 @@ def _photometric(
     energy = _box(slope * slope) * share
     difference = np.maximum(1.0 - np.maximum(correlation, 0.0), 0.0) * spread_one + 0.1 * noise
     known = difference[weight.astype(bool)]
-    most = np.float32(MOST_NOISE * (_noise_variance(left) + _noise_variance(right)) + NOISE_VARIANCE)
+    most = np.float32(noise_variance + NOISE_VARIANCE)
     usual = np.float32(np.percentile(known[:: max(1, known.size // 4096)], QUARTER)) if known.size else noise
     surprise = difference / (min(usual, most) + np.float32(SHIFT_VARIANCE) * energy)
     shift = difference * share / (energy + np.float32(LEAST_SLOPE))
     codes = {
         "correlation": _code(correlation, "correlation"),
-        "misfit": _code(np.log2(misfit + np.float32(2.0**-7)), "misfit"),
-        "surprise": _code(np.log2(surprise), "surprise"),
-        "localisation": _code(np.float32(0.5) * np.log2(shift), "localisation"),
+        "misfit": _code(_log2(misfit + np.float32(2.0**-7)), "misfit"),
+        "surprise": _code(_log2(surprise), "surprise"),
+        "localisation": _code(np.float32(0.5) * _log2(shift), "localisation"),
     }
     contrast = np.sqrt(spread_one) * weight
     total = float(contrast.sum())
     return codes, float((contrast * np.maximum(correlation, 0.0)).sum()) / total if total > 0 else None
 
 
+def _log2(values: FloatImage) -> FloatImage:
+    # numpy has vector instructions for the natural logarithm alone
+    return np.asarray(np.log(values) * np.float32(1.0 / np.log(2.0)), np.float32)
+
+
 def _noise_variance(image: Codes) -> float:
-    """Return the variance of what neighbouring pixels do not share, by every eighth row; the texture is in it."""
+    """Return the variance of what neighbouring pixels do not share, by a part of them; the texture is in it."""
     above, here, below = (image[first : len(image) - 2 + first : 8].astype(np.int16) for first in range(3))
     column = above - 2 * here + below
-    rest = column[:, :-2] - 2 * column[:, 1:-1] + column[:, 2:]
+    rest = (column[:, :-2] - 2 * column[:, 1:-1] + column[:, 2:])[:, ::3]
     return float(np.median(np.abs(rest)) / (6 * MEDIAN_OF_NORMAL)) ** 2 if rest.size else 0.0
+
+
+def _edges(smooth: Codes, values: FloatImage) -> float:
+    """Return the mean log2 of the gradient at steps of the disparity over the median gradient; every second row."""
+    rows = np.ascontiguousarray(smooth[::STEP])
+    slope = cv2.absdiff(rows[:, 2:], rows[:, :-2]) * np.float32(0.5)  # of all columns but the first and the last
+    known = np.ascontiguousarray(values[::STEP])
+    row, column = np.nonzero(cv2.absdiff(known[:, 2:-1], known[:, 1:-2]) > STEP_PX)
+    if not row.size:
+        return 0.0
+    here = np.maximum(slope[row, column], slope[row, column + 1])
+    usual = float(np.median(slope[::4, ::4]))
+    return float(np.mean(np.log2((here + FLAT_DN) / (usual + FLAT_DN))))
 
 
 def _geometric(values: FloatImage, valid: Mask) -> dict[str, Codes]:
@@ -182,10 +207,9 @@ def _geometric(values: FloatImage, valid: Mask) -> dict[str, Codes]:
     count = np.maximum(_box(weight, SURFACE_PX), np.float32(1.0))
     roughness = np.abs(_box(known, SURFACE_PX) / count - known)
     broken = np.zeros(values.shape, np.uint8)
-    with np.errstate(invalid="ignore"):
-        broken[:, 1:] |= np.abs(values[:, 1:] - values[:, :-1]) > BREAK_PX
-        broken[1:] |= np.abs(values[1:] - values[:-1]) > BREAK_PX
-    breaks = cv2.boxFilter(broken * np.uint8(LAST_CODE), -1, surface, borderType=cv2.BORDER_REFLECT_101)
+    broken[:, 1:] |= _differ(values[:, 1:], values[:, :-1])
+    broken[1:] |= _differ(values[1:], values[:-1])
+    breaks = cv2.boxFilter(broken, -1, surface, borderType=cv2.BORDER_REFLECT_101)
     around = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
     support = cv2.boxFilter(weight * np.uint8(LAST_CODE), -1, around, borderType=cv2.BORDER_REFLECT_101)
     return {
@@ -193,6 +217,11 @@ def _geometric(values: FloatImage, valid: Mask) -> dict[str, Codes]:
         "breaks": np.asarray(breaks, np.uint8),
         "support": np.asarray(support, np.uint8),
     }
+
+
+def _differ(one: FloatImage, other: FloatImage) -> Codes:
+    """Return the last code where two disparities differ by more than a break, 0 elsewhere and where one is missing."""
+    return (cv2.absdiff(one, other) > BREAK_PX) * np.uint8(LAST_CODE)
 
 
 def _left_right(disparity: Disparity, column: FloatImage, row: FloatImage, valid: Mask) -> Codes:
@@ -206,10 +235,10 @@ def _left_right(disparity: Disparity, column: FloatImage, row: FloatImage, valid
 def _code(values: NDArray[Any], kind: str) -> Codes:
     """Return values as codes of their kind."""
     low, high = SCALES[kind]
-    factor = LAST_CODE / (high - low)
-    with np.errstate(invalid="ignore"):
-        scaled = np.clip((values - np.float32(low)) * np.float32(factor) + np.float32(0.5), 0, LAST_CODE)
-        codes = scaled.astype(np.uint8)
+    if low:
+        values = np.maximum(values - np.float32(low), np.float32(0.0))
+    codes = np.asarray(cv2.convertScaleAbs(values, alpha=LAST_CODE / (high - low)), np.uint8).reshape(values.shape)
+    np.minimum(codes, np.uint8(LAST_CODE), out=codes)
     codes[np.isnan(values)] = UNKNOWN
     return codes
 

@@ -70,9 +70,9 @@ def predict_confidence(evidence: Evidence) -> FloatImage:
     whole = map_evidence(evidence)
     constant = tables.CONSTANT + sum(Table(*table).at(whole[kind]) for kind, table in tables.MAP.items())
     odds = _sum(evidence, tables.PIXEL, constant)
-    confidence = np.float32(chance_factor(evidence.over_chance)) / (np.float32(1.0) + np.exp(-odds))
-    confidence[~evidence.valid] = 0.0
-    return confidence
+    np.exp(np.negative(odds, out=odds), out=odds)
+    odds += np.float32(1.0)
+    return evidence.valid * np.float32(chance_factor(evidence.over_chance)) / odds
 
 
 def predict_sigma_px(evidence: Evidence) -> FloatImage:
@@ -81,7 +81,10 @@ def predict_sigma_px(evidence: Evidence) -> FloatImage:
         logarithm = _sum(evidence, tables.SIGMA, tables.SIGMA_CONSTANT)
     else:
         logarithm = _sum(evidence, tables.SIGMA_WITHOUT_EXCESS, tables.SIGMA_CONSTANT_WITHOUT_EXCESS)
-    return np.where(evidence.valid, np.exp2(logarithm), np.float32(np.nan)).astype(np.float32)
+    logarithm *= np.float32(np.log(2.0))  # numpy has vector instructions for the natural exponential alone
+    np.exp(logarithm, out=logarithm)
+    logarithm[~evidence.valid] = np.nan
+    return logarithm
 
 
 def _sum(

@@ -84,6 +84,8 @@ class Disparity:
     excess : float32 (H, W) or None
         How much the second best cost exceeds the best one, relative to it, where the matcher knows; NaN where the cost
         is flat. Evidence for the confidence, not a probability.
+    merit : float or None
+        Predicted share of the wanted pixels that are right within 1 px, 0-1: orders the maps of one pair.
     """
 
     disparity_px: FloatImage
@@ -92,6 +94,7 @@ class Disparity:
     sigma_px: FloatImage | None = None
     right_px: FloatImage | None = None
     excess: FloatImage | None = None
+    merit: float | None = None
 
     @property
     def valid(self) -> Mask:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modules.measurement.disparity_quality import PROBE, DisparityQuality
 from modules.primitives.agreement import gather_evidence
 from modules.primitives.confidence import predict_confidence
+from modules.primitives.merit import predict_merit
 from modules.types import Disparity, DisparityRange, Invalid, Matching, Views
 
 SHIFT = 6
@@ -33,8 +34,10 @@ def measure(
     values[(columns < 0) | (columns > values.shape[1] - 1)] = np.nan
     flags = np.where(np.isnan(values), int(Invalid.OUTSIDE), 0).astype(np.uint16)
     disparity = Disparity(values, flags)
-    confidence = predict_confidence(gather_evidence(views.left, views.right, disparity, DisparityRange(low, high)))
-    (fact,) = PROBE.function(Matching(views, DisparityRange(low, high), replace(disparity, confidence=confidence)))
+    evidence = gather_evidence(views.left, views.right, disparity, DisparityRange(low, high))
+    confidence = predict_confidence(evidence)
+    known = replace(disparity, confidence=confidence, merit=predict_merit(evidence, confidence))
+    (fact,) = PROBE.function(Matching(views, DisparityRange(low, high), known))
     assert isinstance(fact, DisparityQuality)
     return fact
 
