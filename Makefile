@@ -103,7 +103,7 @@ bench-pandora: build/pandora/bin/pandora  ## Install CNES Pandora into an enviro
 build/pandora/bin/pandora:
 	@mkdir -p build && $(PYTHON) -m venv build/pandora
 	@build/pandora/bin/python -m pip install -qq --disable-pip-version-check pandora==1.9.0 pandora-plugin-libsgm==1.5.8
-bench-score: $(STAMP)  ## Measure the no-reference score: picking among configurations, scenes left out (needs TERREX_DATA; an hour the first time)
+bench-score: $(STAMP)  ## Measure the no-reference score: picking among configurations, scenes left out (needs TERREX_DATA; half an hour the first time, ARGS=--write fits it)
 	@$(BIN)/python -m benchmarks.quality_score $(ARGS)
 
 bench-checks: $(STAMP)  ## Measure what each check, filter and the quality probe cost beside the matcher

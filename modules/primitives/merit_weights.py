@@ -5,12 +5,11 @@ Fitted to 3480 runs of 21 groups of scenes.
 
 from __future__ import annotations
 
-CONSTANT = -0.8359
+CONSTANT = -0.9459
 WEIGHTS = {
-    "expected": 0.41524,
-    "density": 0.48467,
-    "agreement": 1.00698,
-    "roughness": -0.00095,
-    "breaks": 0.00488,
-    "edges": 0.00840,
+    "expected": 0.36561,
+    "density": 0.55882,
+    "agreement": 1.09489,
+    "roughness": 0.00052,
+    "edges": 0.01063,
 }
