@@ -1,6 +1,7 @@
 """Measure the elevation map against rendered terrain with exact truth, and compare with the bars: `make bench-terrain`.
 
-    python -m benchmarks.terrain [--seeds 20] [--first 100] [--distortions clean,dark] [--no-attitude] [--speed]
+    python -m benchmarks.terrain [--seeds 20] [--first 100] [--distortions clean,dark] [--no-attitude]
+                                [--rules FILE] [--speed]
 
 Each seed has its own terrain and attitude, at most 15 degrees from level in any direction. Printed are, as medians over
 the seeds: median and 90th percentile of the absolute elevation error within 6 m, the share of errors within 2 predicted
@@ -131,8 +132,8 @@ def verdicts(values: tuple[float, ...]) -> list[str]:
     return [words for met, words in bars if not met]
 
 
-def measure(seeds: range, distortions: list[str], attitude: bool) -> None:
-    system = ExpertSystem()
+def measure(seeds: range, distortions: list[str], attitude: bool, rules: Sequence[str] = ()) -> None:
+    system = ExpertSystem(rules=rules)
     scores: dict[str, list[Score]] = {name: [] for name in distortions}
     for seed in seeds:
         made = rendered(seed)
@@ -174,6 +175,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--distortions", default=",".join(REFERENCE_DISTORTIONS))
     parser.add_argument("--no-attitude", action="store_true", help="fit the ground plane instead")
+    parser.add_argument("--rules", action="append", default=[], help="rule file layered on the shipped ones")
     parser.add_argument("--speed", action="store_true", help="measure time and memory instead of accuracy")
     args = parser.parse_args()
     if args.speed:
@@ -181,7 +183,8 @@ def main() -> None:
 
         measure_speed()
     else:
-        measure(range(args.first, args.first + args.seeds), args.distortions.split(","), not args.no_attitude)
+        seeds = range(args.first, args.first + args.seeds)
+        measure(seeds, args.distortions.split(","), not args.no_attitude, args.rules)
 
 
 if __name__ == "__main__":
