@@ -70,10 +70,8 @@ def test_nothing_is_measured_twice_and_what_is_asked_for_first_is_said(rig, monk
     assert counts == first
     assert set(first.values()) == {1}
     rule = RIG.replace("MAT900", "MEA900").replace("matching", "measurement").replace("balanced", "fast")
-    rig.write_text(
-        rule.replace("{choose: measurement.block_match, score: 0.99}", "{measure: measurement.row_alignment}")
-    )
-    assert "measured for the first time: measurement.row_alignment" in watch.look()
+    rig.write_text(rule.replace("{choose: measurement.block_match, score: 0.99}", "{measure: measurement.vignetting}"))
+    assert "measured for the first time: measurement.vignetting" in watch.look()
 
 
 def test_a_wrong_file_is_told_and_the_last_decision_stays(watched, rig):

@@ -262,7 +262,8 @@ def test_the_log_answers_what_is_asked(source: Path, tmp_path: Path, capsys: pyt
     assert len(ask(rule="MAT001")) == 3
     assert ask(not_rule="MAT001") == []
     assert len(ask(slowest=2)) == 2
-    assert len(ask(operator="matching.semi_global_block_match")) == 3
+    assert len(ask(operator="matching.semi_global_match")) == 3
+    assert ask(operator="matching.semi_global_block_match") == []
     assert ask(changed=True) == []
     assert {row["rule"]: row["pairs"] for row in ask(rules=True)}["MAT001"] == 3
     assert [row["value"] for row in ask(fact="image_format.width_px")] == [190.0] * 3
