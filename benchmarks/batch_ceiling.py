@@ -12,6 +12,7 @@ import cv2
 from benchmarks.batch_pairs import QUIET
 from expert import StereoPair
 from expert.batch import BatchItem
+from modules.primitives.threads import serial_linear_algebra
 
 ROUNDS = 20_000_000
 
@@ -30,8 +31,9 @@ def _slowest(count: int, task: tuple[BatchItem, ...] | None) -> float:
     context = multiprocessing.get_context("spawn")
     start, ends = context.Barrier(count), context.SimpleQueue()
     workers = [context.Process(target=_work, args=(start, ends, task)) for _ in range(count)]
-    for worker in workers:
-        worker.start()
+    with serial_linear_algebra():
+        for worker in workers:
+            worker.start()
     spent = [ends.get() for _ in workers]
     for worker in workers:
         worker.join()

@@ -17,6 +17,7 @@ from pebble import ProcessExpired, ProcessPool
 from expert.api import ExpertSystem
 from expert.batch.item import BatchItem
 from expert.batch.work import Outcome, Packed, Settings, process, process_packed, unprocessed
+from modules.primitives.threads import serial_linear_algebra
 
 AHEAD = 1  # pairs that wait beside those in work, so that no worker is idle
 
@@ -95,34 +96,35 @@ def run_here(
         Asked before each pair begins; True ends the batch after the pairs in work.
     """
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPool(max_workers=jobs, context=context, initializer=start_worker, initargs=(settings, limits))
-    pending: dict[Future[Outcome], BatchItem] = {}
-    try:
-        more = True
-        while more or pending:
-            while more and not stopping() and len(pending) < jobs + AHEAD:
-                taken = next(items, None)
-                if taken is None:
+    with serial_linear_algebra():
+        pool = ProcessPool(max_workers=jobs, context=context, initializer=start_worker, initargs=(settings, limits))
+        pending: dict[Future[Outcome], BatchItem] = {}
+        try:
+            more = True
+            while more or pending:
+                while more and not stopping() and len(pending) < jobs + AHEAD:
+                    taken = next(items, None)
+                    if taken is None:
+                        more = False
+                        break
+                    pending[pool.schedule(in_worker, args=(*taken, settings), timeout=limits.timeout_s)] = taken[0]
+                if stopping():
                     more = False
-                    break
-                pending[pool.schedule(in_worker, args=(*taken, settings), timeout=limits.timeout_s)] = taken[0]
-            if stopping():
-                more = False
-                for future in list(pending):
-                    if not future.running() and future.cancel():
-                        del pending[future]
-            done, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in done:
-                item = pending.pop(future)
-                outcome = _outcome(future, item, limits)
-                if outcome is not None:
-                    yield item, outcome
-        pool.close()
-    except BaseException:
-        pool.stop()
-        raise
-    finally:
-        pool.join()
+                    for future in list(pending):
+                        if not future.running() and future.cancel():
+                            del pending[future]
+                done, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
+                for future in done:
+                    item = pending.pop(future)
+                    outcome = _outcome(future, item, limits)
+                    if outcome is not None:
+                        yield item, outcome
+            pool.close()
+        except BaseException:
+            pool.stop()
+            raise
+        finally:
+            pool.join()
 
 
 def _outcome(future: Future[Outcome], item: BatchItem, limits: Limits) -> Outcome | None:

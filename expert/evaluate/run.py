@@ -19,6 +19,7 @@ from expert.evaluate.scores import score
 from expert.evaluate.store import Row, Store
 from expert.evaluate.systems import System
 from modules.formats.datasets import DatasetPair
+from modules.primitives.threads import serial_linear_algebra
 from modules.types import Views
 
 
@@ -106,7 +107,8 @@ def _each(parts: Sequence[Work], jobs: int) -> Iterator[tuple[Work, list[str]]]:
         for part in parts:
             yield part, run_part(part)
         return
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with serial_linear_algebra(), ProcessPoolExecutor(jobs, mp_context=context) as pool:
         futures = {pool.submit(run_part, part): part for part in parts}
         for future in as_completed(futures):
             yield futures[future], future.result()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from modules.matching.semi_global_match import SemiGlobalMatchParams, semi_global_match
-from modules.primitives.threads import allowed_threads
+from modules.primitives.threads import BLAS_VARIABLES, allowed_threads, serial_linear_algebra
 from modules.types import DisparityRange, Matching, Views
 
 
@@ -45,3 +46,15 @@ def test_the_matcher_starts_threads_only_where_the_process_may(
     image = np.random.default_rng(0).integers(0, 255, (40, 60), np.uint8)
     semi_global_match(Matching(Views(image, image), DisparityRange(0, 8)), SemiGlobalMatchParams())
     assert len(begun) == started
+
+
+def test_linear_algebra_is_serial_inside_and_what_was_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, *others = BLAS_VARIABLES
+    monkeypatch.setenv(kept, "3")
+    for name in others:
+        monkeypatch.delenv(name, raising=False)
+    with serial_linear_algebra():
+        assert os.environ[kept] == "3"
+        assert [os.environ[name] for name in others] == ["1"] * len(others)
+    assert os.environ[kept] == "3"
+    assert not set(others) & set(os.environ)
