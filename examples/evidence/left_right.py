@@ -9,14 +9,11 @@ of MAT041 on the confidence. Below, the share of right ones among the pixels tha
 
 from __future__ import annotations
 
-import argparse
-import os
-from pathlib import Path
-
 import numpy as np
+from development import development_pairs
 
 from modules.catalog import operators
-from modules.formats.datasets import DatasetPair, read_index
+from modules.formats.datasets import DatasetPair
 from modules.simulation.distortions import distort_right
 from modules.types import Disparity, DisparityRange, Matching
 
@@ -60,24 +57,16 @@ def right_ones(before: Matching, after: Matching, pair: DatasetPair) -> tuple[in
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("TERREX_DATA"), help="folder with an INDEX.json")
-    parser.add_argument("--every", type=int, default=1, help="take every N-th pair only")
-    args = parser.parse_args()
-    if not args.data:
-        raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
     catalog = operators()
 
     def apply(state: Matching, name: str, values: dict) -> Matching:
         return catalog[name].function(state, catalog[name].params(**values))
 
-    pairs = list(read_index(Path(args.data), "dev"))
+    pairs = development_pairs(__doc__, every=1)
     groups = sorted({pair.group for pair in pairs})
     rejected: dict[tuple[int, str], list[tuple[int, int]]] = {}
     found: dict[tuple[int, str, str], list[tuple[float, float, float]]] = {}
     for number, pair in enumerate(pairs):
-        if number % args.every:
-            continue
         half = groups.index(pair.group) % 2
         for kind in KINDS:
             views = distort_right(pair.views, kind, seed=number)

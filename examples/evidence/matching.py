@@ -8,14 +8,11 @@ N-th development pair, left-right check and speckle removal as in the shipped pl
 
 from __future__ import annotations
 
-import argparse
-import os
-from pathlib import Path
-
 import numpy as np
+from development import development_pairs
 
 from modules.catalog import operators
-from modules.formats.datasets import DatasetPair, read_index
+from modules.formats.datasets import DatasetPair
 from modules.simulation.sensor import SensorParams, apply_sensor
 from modules.types import DisparityRange, Matching, Views
 
@@ -60,13 +57,7 @@ def bad_1(pair: DatasetPair, views: Views, correction: Step | None, values: dict
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("TERREX_DATA"))
-    parser.add_argument("--every", type=int, default=4)
-    args = parser.parse_args()
-    if not args.data:
-        raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
-    pairs = list(read_index(Path(args.data), "dev"))[:: args.every]
+    pairs = development_pairs(__doc__)
     print(f"mean bad-1 in % over {len(pairs)} pairs\n{'':44s}" + "".join(f"{name:>16s}" for name in FAULTS))
     seen = [
         pair.views.with_images(apply_sensor(pair.views.left, left, 5), apply_sensor(pair.views.right, right, 6))

@@ -9,16 +9,14 @@ change of the thumbnails; then CPU time and bad-1 in % with and without the earl
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
-from pathlib import Path
 
 import numpy as np
+from development import development_pairs, of_another_scene
 
 from expert import Decision, ExpertSystem, StereoPair
 from expert.warm import change_dn, thumbnail
-from modules.formats.datasets import DatasetPair, read_index
+from modules.formats.datasets import DatasetPair
 
 STEP_PX = 12  # columns and rows by which the view moves, of about 450 x 375
 PROFILES = ("fast", "balanced")
@@ -57,20 +55,14 @@ def fitted(pair: StereoPair, like: StereoPair) -> StereoPair | None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("TERREX_DATA"))
-    parser.add_argument("--every", type=int, default=4)
-    args = parser.parse_args()
-    if not args.data:
-        raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
-    pairs = list(read_index(Path(args.data), "dev"))[:: args.every]
+    pairs = development_pairs(__doc__)
     systems = {profile: ExpertSystem(profile=profile) for profile in PROFILES}
     print(f"{'pair':26s}{'followed by':14s}{'change':>8s}{'levels':>8s}" + "".join(
         f"{profile + ' cold':>18s}{'warm':>16s}" for profile in PROFILES
     ))  # fmt: skip
     run(systems["fast"], view(pairs[0], 0, 0), None)
     for number, pair in enumerate(pairs):
-        first, whole = view(pair, 0, 0), pairs[(number + 1) % len(pairs)]
+        first, whole = view(pair, 0, 0), of_another_scene(pairs, number)
         other = fitted(StereoPair(whole.views.left, whole.views.right), first)
         followers = [("itself aside", view(pair, STEP_PX, STEP_PX)), ("itself darker", view(pair, STEP_PX, 0, 0.9))]
         followers += [] if other is None else [("another", other)]

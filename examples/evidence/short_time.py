@@ -9,15 +9,13 @@ under four distortions of the right image.
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
-from pathlib import Path
 
 import numpy as np
+from development import development_pairs
 
 from modules.catalog import operators
-from modules.formats.datasets import DatasetPair, read_index
+from modules.formats.datasets import DatasetPair
 from modules.simulation.distortions import distort_right
 from modules.types import DisparityRange, FloatImage, Matching, Views
 
@@ -72,13 +70,7 @@ def figures(pair: DatasetPair, views: Views, steps: list[Step]) -> tuple[float, 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("TERREX_DATA"))
-    parser.add_argument("--every", type=int, default=4)
-    args = parser.parse_args()
-    if not args.data:
-        raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
-    pairs = list(read_index(Path(args.data), "dev"))[:: args.every]
+    pairs = development_pairs(__doc__)
     cases = [(pair, distort_right(pair.views, kind, number)) for number, pair in enumerate(pairs) for kind in KINDS]
     for steps in WAYS.values():
         run(cases[0][1], pairs[0].ndisp, steps)  # what is compiled and loaded once does not count

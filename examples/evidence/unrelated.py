@@ -9,14 +9,11 @@ that get a disparity, by profile.
 
 from __future__ import annotations
 
-import argparse
-import os
-from pathlib import Path
-
 import numpy as np
+from development import development_pairs, of_another_scene
 
 from expert import ExpertSystem, StereoPair
-from modules.formats.datasets import DatasetPair, read_index
+from modules.formats.datasets import DatasetPair
 from modules.simulation.distortions import distort_right
 from modules.types import Image
 
@@ -43,18 +40,12 @@ def tell(name: str, images: tuple[Image, Image], pair: DatasetPair, systems: lis
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("TERREX_DATA"))
-    parser.add_argument("--every", type=int, default=4)
-    args = parser.parse_args()
-    if not args.data:
-        raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
-    pairs = list(read_index(Path(args.data), "dev"))[:: args.every]
+    pairs = development_pairs(__doc__)
     systems = [ExpertSystem(profile=profile) for profile in PROFILES]
     print(f"{'pair':24s} {'right image':12s} {'agreeing':>8s}" + "".join(f"{profile:>10s}" for profile in PROFILES))
     for number, pair in enumerate(pairs):
         noisy = distort_right(pair.views, "noise", number, NOISE_STRENGTH).right
-        other = cut(pair.views.left, pairs[(number + 3) % len(pairs)].views.right)
+        other = cut(pair.views.left, of_another_scene(pairs, number).views.right)
         tell("its own", (pair.views.left, pair.views.right), pair, systems)
         tell("noisy", (pair.views.left, noisy), pair, systems)
         if other is not None:

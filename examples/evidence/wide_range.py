@@ -8,16 +8,14 @@ that the data set states; bad-1 in px of the original size (missing counted as w
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
+from development import development_pairs
 
 from modules.catalog import operators
-from modules.formats.datasets import DatasetPair, read_index
+from modules.formats.datasets import DatasetPair
 from modules.types import DisparityRange, FloatImage, Image, Matching, Views
 
 STEPS = ("matching.semi_global_match", "matching.check_left_right", "matching.remove_speckles")
@@ -50,17 +48,9 @@ def bad_1(disparity: FloatImage, pair: DatasetPair) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", default=os.environ.get("TERREX_DATA"), help="folder with an INDEX.json")
-    parser.add_argument("--every", type=int, default=4, help="take every N-th pair only")
-    args = parser.parse_args()
-    if not args.data:
-        raise SystemExit("no data: set TERREX_DATA or give --data FOLDER")
     cv2.setNumThreads(1)
     found: dict[int, list[tuple[float, float, float, float]]] = {}
-    for number, pair in enumerate(read_index(Path(args.data), "dev")):
-        if number % args.every:
-            continue
+    for pair in development_pairs(__doc__):
         views = Views(twice(pair.views.left), twice(pair.views.right))
         for factor in (1, 2, 4):
             count = 2 * pair.ndisp * factor
