@@ -140,7 +140,7 @@ docs: $(STAMP)  ## Build the documentation into site/, what is generated from th
 .PHONY: browser
 browser: docs  ## Test the pages of reports, batches and the documentation in Chromium (needs Node.js 18 and Chromium; screenshots in build/browser)
 	@tests/browser/prepare.sh
-	@$(BIN)/python tests/browser/make_pages.py build/browser
+	@PYTHONPATH=.:tests/expert $(BIN)/python tests/browser/make_pages.py build/browser
 	@cd tests/browser && node --test --test-reporter=spec *.test.mjs
 
 .PHONY: bench-report

@@ -1,4 +1,7 @@
-"""Make the pages that the browser tests open: reports of a rendered pair and of a hostile record, and a batch."""
+"""Make the pages that the browser tests open: reports of a rendered pair and of a hostile record, and a batch.
+
+`make browser` runs it with the project and `tests/expert` on the path of modules.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,18 @@ import shutil
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "expert")]
+import numpy as np
+from made_reports import EVIL, pair_images, record
 
-import numpy as np  # noqa: E402
-from made_reports import EVIL, pair_images, record  # noqa: E402
-
-from benchmarks.batch_pairs import SIZE, rendered, write_pairs  # noqa: E402
-from expert import ExpertSystem, StereoPair  # noqa: E402
-from expert.batch import Batch, Settings, find_pairs  # noqa: E402
-from expert.batch.page import write_page  # noqa: E402
-from expert.products import DEFAULT_PRODUCTS  # noqa: E402
-from expert.report import as_html, as_markdown  # noqa: E402
-from modules.formats.images import write_image  # noqa: E402
-from modules.simulation.distortions import distort_right  # noqa: E402
-from modules.types import Views  # noqa: E402
+from benchmarks.batch_pairs import SIZE, rendered, write_pairs
+from expert import ExpertSystem, StereoPair
+from expert.batch import Batch, Settings, find_pairs
+from expert.batch.page import write_page
+from expert.products import DEFAULT_PRODUCTS
+from expert.report import as_html, as_markdown
+from modules.formats.images import write_image
+from modules.simulation.distortions import distort_right
+from modules.types import Views
 
 PAIRS = 12
 
