@@ -15,7 +15,7 @@ STAMP := $(VENV)/.terrex-$(HASH)
 # Run one tool; its output is shown only when it fails.
 quiet = @printf '%s ... ' '$(1)'; if out=$$($(2) 2>&1); then echo ok; else echo FAILED; printf '%s\n' "$$out"; exit 1; fi
 
-.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-score bench-checks calibrate-confidence bench-causes bench-facts bench-inference bench-field bench-ground-plane mutation schema fmt lock wheel clean bench-terrain
+.PHONY: help env demo test lint unit doctest property property-engines bench bench-accuracy bench-score bench-checks calibrate-confidence bench-causes bench-facts bench-inference bench-field bench-ground-plane bench-matching bench-pandora docs mutation schema fmt lock wheel clean bench-terrain
 .DEFAULT_GOAL := help
 
 help:  ## Show the targets
@@ -103,6 +103,7 @@ bench-pandora: build/pandora/bin/pandora  ## Install CNES Pandora into an enviro
 build/pandora/bin/pandora:
 	@mkdir -p build && $(PYTHON) -m venv build/pandora
 	@build/pandora/bin/python -m pip install -qq --disable-pip-version-check pandora==1.9.0 pandora-plugin-libsgm==1.5.8
+
 bench-score: $(STAMP)  ## Measure the no-reference score: picking among configurations, scenes left out (needs TERREX_DATA; half an hour the first time, ARGS=--write fits it)
 	@$(BIN)/python -m benchmarks.quality_score $(ARGS)
 
@@ -115,6 +116,25 @@ calibrate-confidence: $(STAMP)  ## Fit the tables of confidence and uncertainty 
 bench-inference: $(STAMP)  ## Measure inference: shipped and generated rules, experta, compiled and CLIPS; growth over 10 000 pairs
 	@$(BIN)/python -m benchmarks.inference
 	@$(BIN)/python -m benchmarks.inference --memory
+
+.PHONY: bench-budgets
+bench-budgets: $(STAMP)  ## Measure how often time and memory budgets are kept, and what they cost (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.budgets $(ARGS)
+
+.PHONY: bench-batch
+bench-batch: $(STAMP)  ## Measure long runs: throughput of 1 and 2 workers, overhead, 50 kills, growth over 5000 pairs
+	@$(BIN)/python -m benchmarks.batch $(ARGS)
+
+.PHONY: bench-correction bench-correction-rules
+bench-correction: $(STAMP)  ## Measure the time of every operator of correction
+	@$(BIN)/python -m benchmarks.correction $(ARGS)
+
+bench-correction-rules: $(STAMP)  ## Measure the rules of correction before a fixed matcher (needs TERREX_DATA)
+	@$(BIN)/python -m benchmarks.correction_rules $(ARGS)
+
+.PHONY: bench-report
+bench-report: $(STAMP)  ## Measure what the reports of a pair cost
+	@$(BIN)/python -m benchmarks.report $(ARGS)
 
 .PHONY: bench-rules
 bench-rules: $(STAMP)  ## Measure the time to check rule files of 100 and 1000 rules
@@ -143,10 +163,6 @@ browser: docs  ## Test the pages of reports, batches and the documentation in Ch
 	@PYTHONPATH=.:tests/expert $(BIN)/python tests/browser/make_pages.py build/browser
 	@cd tests/browser && node --test --test-reporter=spec *.test.mjs
 
-.PHONY: bench-report
-bench-report: $(STAMP)  ## Measure what the reports of a pair cost
-	@$(BIN)/python -m benchmarks.report $(ARGS)
-
 fmt: $(STAMP)  ## Format code and rules, and repair what the linter can
 	@$(BIN)/ruff check -q --fix $(PATHS) || true
 	@$(BIN)/ruff format -q $(PATHS)
@@ -167,18 +183,3 @@ wheel: $(STAMP)  ## Build the wheel and the source distribution into dist/
 clean:  ## Remove the environment and everything that was built
 	rm -rf $(VENV) tests/browser/node_modules build dist site docs/generated demo-out out *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
-
-.PHONY: bench-budgets
-bench-budgets: $(STAMP)  ## Measure how often time and memory budgets are kept, and what they cost (needs TERREX_DATA)
-	@$(BIN)/python -m benchmarks.budgets $(ARGS)
-
-.PHONY: bench-batch
-bench-batch: $(STAMP)  ## Measure long runs: throughput of 1 and 2 workers, overhead, 50 kills, growth over 5000 pairs
-	@$(BIN)/python -m benchmarks.batch $(ARGS)
-
-.PHONY: bench-correction bench-correction-rules
-bench-correction: $(STAMP)  ## Measure the time of every operator of correction
-	@$(BIN)/python -m benchmarks.correction $(ARGS)
-
-bench-correction-rules: $(STAMP)  ## Measure the rules of correction before a fixed matcher (needs TERREX_DATA)
-	@$(BIN)/python -m benchmarks.correction_rules $(ARGS)
