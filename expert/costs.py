@@ -55,7 +55,10 @@ class Costs:
     speed: float = 1.0
 
     def facts(self, known: Iterable[Fact]) -> dict[Fact, str | None]:
-        """Return a `cost` fact per matcher, per dearer probe, for the confidence, and for what every plan takes."""
+        """Return a `cost` fact per matcher, per probe of the pair, for the confidence, and for what every plan takes.
+
+        What every plan takes holds the probes that always run; their own facts are there to be read, not to be added.
+        """
         disparities = self._disparities(known)
         steps = {ALWAYS: self._always(disparities)}
         for name, operator in self.operators.items():
@@ -73,8 +76,19 @@ class Costs:
         costs = [self.operators[step.operator].cost for step in plan.steps if step.operator != NONE]
         return sum(cost.seconds(self.pixels, disparities) for cost in costs) / self.speed
 
+    def of_probe(self, name: str) -> float:
+        """Return the CPU time of a probe of the pair, s."""
+        return self.probes[name].cost.seconds(self.pixels) / self.speed
+
+    def beside_plans(self) -> float:
+        """Return the CPU time of all that no plan holds, s: the decision, and the probes that always run."""
+        return sum(cost.seconds(self.pixels) for cost in self._beside()) / self.speed
+
+    def _beside(self) -> list[Cost]:
+        return [DECISION, *(probe.cost for probe in self.probes.values() if _always_runs(probe))]
+
     def _always(self, disparities: int) -> float:
-        costs = [DECISION, *(probe.cost for probe in self.probes.values() if _always_runs(probe))]
+        costs = self._beside()
         costs += [
             self.operators[slot.default].cost for slot in self.base.slots.get("matching", ()) if self._plain(slot)
         ]
@@ -86,10 +100,15 @@ class Costs:
         return slot.default in self.operators and slot.slot not in CHOSEN_LATER
 
     def _disparities(self, known: Iterable[Fact]) -> int:
-        for fact in known:
-            if fact.template == "disparity_range" and "max_px" in fact.numbers and "min_px" in fact.numbers:
-                return int(fact.numbers["max_px"] - fact.numbers["min_px"])
-        return round(ASSUMED_RANGE * self.columns)
+        """Return the range known of this pair, else that of the pair before by the same rig, else an assumed one."""
+        ranges = {
+            fact.template: int(fact.numbers["max_px"] - fact.numbers["min_px"])
+            for fact in known
+            if (fact.template == "disparity_range" or (fact.template == "previous" and fact.get("same_rig")))
+            and {"min_px", "max_px"} <= set(fact.numbers)
+        }
+        assumed = round(ASSUMED_RANGE * self.columns)
+        return ranges.get("disparity_range", ranges.get("previous", assumed))
 
 
 def _always_runs(probe: Probe) -> bool:

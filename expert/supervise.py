@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from expert.costs import ALWAYS, Costs
+from expert.costs import Costs
 from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
 from expert.facts import Fact, Vocabulary, to_fact, vocabulary
 from expert.firing import Engine, Firings
@@ -74,6 +74,7 @@ class Run:
     facts: dict[Fact, str | None]  # facts about the pair and the task, and the probe of each
     progress: Callable[[str], None] = field(default=lambda _: None)
     costs: Costs | None = None  # where a time budget is stated
+    run_s: float = 0.0  # CPU time predicted for the plans that ran, where there are costs
     measured: set[str] = field(default_factory=set)
     memory: Measured = field(default_factory=dict)
     concluded: dict[Stage, Firings] = field(default_factory=dict)
@@ -234,6 +235,8 @@ class Run:
         StepFailed
             An operator could not do its work.
         """
+        if self.costs is not None:
+            self.run_s += self.costs.of_plan(plan, self.facts)
         return execute(plan, state, self.knowledge.operators, self._around)
 
     @contextmanager
@@ -259,6 +262,9 @@ class Run:
         tried: set[Any] = set()
         attempts: list[Attempt] = []
         for number in range(1, MAX_TRIALS + 1):
+            again = self._again(earlier, directives)
+            if again and not self._affords(*again, attempts[-1].plan):
+                break
             try:
                 state = start(directives)
             except StepFailed as error:
@@ -271,7 +277,7 @@ class Run:
             if configuration in tried:
                 break
             tried.add(configuration)
-            if attempts and not self._affords(plan, attempts):
+            if attempts and not self._affords(plan):
                 break
             try:
                 product = self.execute(plan, state)
@@ -295,18 +301,21 @@ class Run:
             directives = extended
         return self._keep(stage, attempts)
 
-    def _affords(self, plan: StagePlan, attempts: Sequence[Attempt]) -> bool:
-        """Say whether another trial is predicted to fit the time budget; one that does not becomes a finding."""
+    def _again(self, earlier: Sequence[Stage], directives: Directives) -> list[StagePlan]:
+        """Return the plans that directives ask to run again: from the first earlier stage that they touch on."""
+        first = next((i for i, name in enumerate(earlier) if directives.touch((name,))), len(earlier))
+        return [self.plans[name] for name in earlier[first:] if name in self.plans]
+
+    def _affords(self, *plans: StagePlan) -> bool:
+        """Say whether plans, the last one of a further trial, are predicted to fit; what does not becomes a finding."""
         budget = next((f.numbers["time_budget_s"] for f in self.facts if "time_budget_s" in f.numbers), None)
         if self.costs is None or budget is None:
             return True
-        known = self.known(plan.stage)
-        steps = {fact.get("step"): fact.numbers["cpu_s"] for fact in self.predicted()}
-        left = budget - steps[ALWAYS] - sum(steps.get(name, 0.0) for name in self.measured if self._dear(name))
-        left -= sum(self.costs.of_plan(attempt.plan, known) for attempt in attempts)
-        needed = self.costs.of_plan(plan, known)
+        dear = sum(self.costs.of_probe(name) for name in self.measured if self._dear(name))
+        left = budget - self.costs.beside_plans() - dear - self.run_s
+        needed = sum(self.costs.of_plan(plan, self.facts) for plan in plans)
         if needed > left:
-            self.given_up.append(given_up(plan.stage, needed, left, budget))
+            self.given_up.append(given_up(plans[-1].stage, needed, left, budget))
         return needed <= left
 
     def _dear(self, name: str) -> bool:

@@ -44,6 +44,15 @@ def test_costs_are_those_of_the_model_over_the_known_range() -> None:
     assert predicted([])["matching.semi_global_match"] == pytest.approx(model.seconds(PIXELS, 160), abs=1e-4)
 
 
+@pytest.mark.parametrize(("same_rig", "disparities"), [(True, 32), (False, 160)])
+def test_the_range_of_the_pair_before_is_assumed_where_the_rig_is_the_same(same_rig: bool, disparities: int) -> None:
+    model = operators()["matching.semi_global_match"].cost
+    before = Fact.of("previous", same_rig=same_rig, min_px=8, max_px=40)
+    found = predicted([before])["matching.semi_global_match"]
+    assert found == pytest.approx(model.seconds(PIXELS, disparities), abs=1e-4)
+    assert predicted([before, RANGE]) == predicted([RANGE])
+
+
 def test_twice_the_speed_halves_every_cost() -> None:
     one, two = predicted([RANGE]), predicted([RANGE], speed=2.0)
     assert all(two[name] == pytest.approx(one[name] / 2, abs=1e-4) for name in one)

@@ -155,6 +155,22 @@ def test_a_trial_that_does_not_fit_the_budget_is_given_up_and_said(budget_s: flo
     assert sentences == ([given_up] if len(tried) == 1 else [])
 
 
+@pytest.mark.parametrize(("budget_s", "again"), [(1.5, False), (2.5, True)])
+def test_what_a_trial_would_run_again_counts_before_it_runs(budget_s: float, again: bool) -> None:
+    world = World()
+    run = world.run(
+        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine", "score": 0.5}]},
+        {"stage": "matching", "when": [POOR, FIRST], "then": [{"repair": "correction.mild"}]},
+        {"stage": "correction", "when": [ALWAYS], "then": [{"choose": "correction.strong", "score": 0.5}]},
+    )
+    run.facts = {to_fact(Task(time_budget_s=budget_s)): None}
+    known = run.knowledge
+    run.costs = Costs(known.rules.base, known.operators, known.probes, pixels=100, columns=10, calibrated=False)
+    matched(run)
+    assert world.log == ["correction.strong 1", "matching.fine 1", *(["correction.mild 1", "matching.fine 1"] * again)]
+    assert bool(run.given_up) is not again
+
+
 def test_a_cheap_probe_always_runs_and_a_dear_one_only_on_demand() -> None:
     world = World()
     run = world.run()
