@@ -57,7 +57,9 @@ def previous_pair(earlier: Decision, pair: StereoPair) -> PreviousPair | None:
     in_place, in_levels = change_dn(earlier.thumbnail, thumbnail(pair.left))
     searched = _parameters(earlier, RANGE)
     aligned = _parameters(earlier, ALIGN)
-    rows = _number(earlier, "row_alignment", "count") or _number(earlier, "previous", "rows_count")
+    rows = _number(earlier, "row_alignment", "count")
+    if rows is None and any(fact.template == "previous" and fact.fields.get("same_rig") for fact in earlier.facts):
+        rows = _number(earlier, "previous", "rows_count")
     return PreviousPair(
         same_rig=_same_rig(earlier, pair),
         change_dn=in_place,

@@ -9,6 +9,7 @@ import pytest
 from synthetic_pairs import shifted_pair
 
 from expert import Decision, ExpertSystem, StereoPair
+from expert.decision import FactRecord
 from expert.warm import change_dn, previous_pair, thumbnail
 
 SYSTEM = ExpertSystem(engine="compiled")
@@ -72,6 +73,22 @@ def test_another_scene_another_size_or_a_failure_tell_nothing(first: Decision) -
     assert not known.same_rig
     assert previous_pair(first.model_copy(update={"status": "failed"}), pair) is None
     assert previous_pair(first.model_copy(update={"thumbnail": ""}), pair) is None
+
+
+def with_facts(decision: Decision, *added: FactRecord) -> Decision:
+    kept = [fact for fact in decision.facts if fact.template not in {item.template for item in added}]
+    return decision.model_copy(update={"facts": (*kept, *added)})
+
+
+@pytest.mark.parametrize(("same_rig", "count", "told"), [(True, 0, 0), (True, None, 200), (False, None, None)])
+def test_a_count_is_handed_on_only_by_the_same_rig_and_where_none_was_made(
+    first: Decision, same_rig: bool, count: int | None, told: int | None
+) -> None:
+    before = FactRecord(template="previous", fields={"same_rig": same_rig, "rows_count": 200})
+    rows = FactRecord(template="row_alignment", fields={} if count is None else {"count": count})
+    known = previous_pair(with_facts(first, before, rows), shifted_pair())
+    assert known is not None
+    assert known.rows_count == told
 
 
 def test_a_given_range_goes_before_the_earlier_one(first: Decision) -> None:
