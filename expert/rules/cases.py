@@ -158,8 +158,10 @@ def _read_case_file(
     for index, item in enumerate(document.data):
         case = validate(layer, Case, item, (index,), f"case {index + 1}")
         if case is not None:
+            before = len(layer.problems)
             _facts_problems(layer, case, index, vocabulary)
-            cases.append((case, document.mark((index,))[0]))
+            if len(layer.problems) == before:
+                cases.append((case, document.mark((index,))[0]))
     return CaseFile(path.stem, shown, tuple(cases)), layer.problems
 
 
@@ -190,9 +192,6 @@ def facts_of(case: Case) -> frozenset[Fact]:
         given = GivenFinding(finding=item) if isinstance(item, str) else item
         facts.add(Fact.of("finding", name=given.finding, severity=given.severity))
     return frozenset(facts)
-
-
-_KINDS = ("choose", "repair", "exclude", "derive", "assess", "measure", "set", "adjust")
 
 
 def meets(expected: Expected, action: Action, resolved: ResolvedAction) -> bool:

@@ -85,6 +85,8 @@ def check_rules(
     cases_of: dict[str, list[GivenCase]] | None = None
     if with_cases:
         files, errors = read_cases(merged, vocabulary, cases)
+        if errors:
+            return sorted(errors)
         cases_of = {file.rule: [GivenCase(facts_of(case), case.fires) for case, _ in file.cases] for file in files}
     folder = "knowledge/cases" if cases is None else cases.as_posix()
     found = warnings(Context(merged, vocabulary, operators, probes, cases_of, folder))

@@ -36,6 +36,19 @@ def test_a_sound_file_with_all_cases_is_clean(check, good_text):
     assert check(good_text) == []
 
 
+def test_a_case_that_names_no_fact_is_reported_and_not_read(words, operators, probes, good_text, tmp_path):
+    path = tmp_path / "rules.yaml"
+    path.write_text(good_text)
+    (tmp_path / "cases").mkdir()
+    for case in CASES.glob("*.yaml"):
+        (tmp_path / "cases" / case.name).write_text(
+            case.read_text() + "- {name: bare, fires: false, facts: [{field: 1}]}\n"
+        )
+    found = check_rules([path], words, operators, probes, shipped=False, cases=tmp_path / "cases")
+    assert {Path(problem.file).parent.name for problem in found} == {"cases"}
+    assert set(codes(found)) == {"unknown-fact"}
+
+
 def test_a_rule_without_cases_is_reported_once(check, good_text):
     rule = RULE.format(
         id="COR003", when="{fact: brightness, field: offset_dn, op: gt, value: 1}", then="{measure: measurement.sides}"
