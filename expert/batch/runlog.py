@@ -32,7 +32,7 @@ CREATE TABLE facts (result INTEGER REFERENCES results, fact TEXT, value REAL);
 
 
 class LogFull(FormatError):
-    """The log cannot be written; the disk is full, as a rule."""
+    """The log cannot be written; the disk is full, as far as SQLite tells."""
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,19 @@ class RunLog:
         Raises
         ------
         LogFull
-            It cannot be written.
+            The disk is full.
         FormatError
-            It is something else.
+            It cannot be written for another reason, or is something else.
         """
         try:
             with self._open() as base:
                 yield base
         except sqlite3.OperationalError as error:
+            # Python 3.10 knows no codes of these errors; a log whose shared part cannot grow fails with an I/O error.
+            if not any(word in str(error) for word in ("full", "disk I/O")):
+                raise FormatError(
+                    f"{self.path} cannot be written ({error}); nothing that was finished is lost"
+                ) from error
             raise LogFull(
                 f"{self.path} cannot be written ({error}); make room on the disk and give the same command again: "
                 "what was finished is kept"

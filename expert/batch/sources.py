@@ -146,7 +146,7 @@ def timed(items: Sequence[BatchItem], unit: str | None = None) -> tuple[BatchIte
         Items without a time; all of them are counted, and the first ones named.
     """
     found = [_timed(item, unit) for item in items]
-    lacking = [item.name for item in found if item.stated.time_s is None and item.stated.attitude is None]
+    lacking = [item.name for item in found if item.stated.time_s is None and not _oriented(item)]
     if lacking:
         shown = ", ".join(map(repr, lacking[:3])) + (", ..." if len(lacking) > 3 else "")
         raise FormatError(
@@ -154,6 +154,11 @@ def timed(items: Sequence[BatchItem], unit: str | None = None) -> tuple[BatchIte
             "give a manifest with time_s, or --time-in-name and its unit"
         )
     return tuple(found)
+
+
+def _oriented(item: BatchItem) -> bool:
+    """Whether the item states an attitude, which goes before the log."""
+    return item.stated.attitude is not None or item.stated.angles_deg is not None
 
 
 def _timed(item: BatchItem, unit: str | None) -> BatchItem:

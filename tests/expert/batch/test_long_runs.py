@@ -6,12 +6,13 @@ import json
 import os
 import resource
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -114,6 +115,8 @@ def test_times_are_taken_from_names_in_their_unit(tmp_path: Path) -> None:
     assert found.stated.time_s == pytest.approx(1403636579.7635555, abs=1e-6)
     stated = replace(named, stated=Stated(time_s=2.0))
     assert timed([stated], "ns") == (stated,)
+    level = replace(named, stated=Stated(angles_deg=(1.0, 2.0, None)))
+    assert timed([level], None) == (level,)
     with pytest.raises(FormatError, match=r"1 of 2 pairs state no time .*\('mav0/data/1403636579763555584'\); give a"):
         timed([named, stated])
 
@@ -180,6 +183,19 @@ def test_a_log_that_finds_no_room_says_what_to_do_and_keeps_what_it_has(tmp_path
     with files_end_at(1000), pytest.raises(LogFull, match="make room on the disk and give the same command again"):
         log.add(run, Outcome("second", "error"), "", "digest")
     assert list(RunLog(tmp_path / NAME).latest()) == ["first"]
+
+
+def test_a_log_that_another_program_holds_is_not_taken_for_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def held(_: RunLog) -> NoReturn:
+        raise sqlite3.OperationalError("database is locked")
+
+    log = RunLog(tmp_path / NAME)
+    monkeypatch.setattr(RunLog, "_open", held)
+    with pytest.raises(FormatError, match=r"cannot be written \(database is locked\)") as caught:
+        log.add(1, Outcome("first", "error"), "", "digest")
+    assert not isinstance(caught.value, LogFull)
 
 
 def test_products_that_leave_no_room_for_the_log_make_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
