@@ -109,6 +109,7 @@ def test_what_is_below_the_limit_is_rejected_and_keeps_what_was_predicted() -> N
     rejected = (found.validity & Invalid.LOW_CONFIDENCE) != 0
     assert rejected[45:75, 85:115].mean() > 0.9
     assert rejected[:, 140:].mean() < 0.02
+    assert confidence[rejected].max() < 0.95
     assert confidence[rejected].min() > 0
     assert np.isfinite(sigma[rejected]).all()
     assert np.isnan(found.disparity_px[rejected]).all()
@@ -120,6 +121,7 @@ def test_a_wrong_patch_in_a_good_map_is_believed_less_than_not() -> None:
     assert rejected[45:75, 85:115].mean() > 0.9
     assert rejected[:, 140:].mean() < 0.02
     assert confidence[rejected].max() < 0.5
+    assert confidence[rejected].min() > 0
 
 
 def test_unrelated_images_keep_hardly_a_pixel() -> None:
@@ -145,7 +147,21 @@ def test_evidence_is_coded_within_its_scale_and_what_is_missing_is_unknown() -> 
     assert np.all(codes["correlation"][inside] >= LAST_CODE - 1)
     assert np.all(codes["roughness"][inside] == 0)
     assert np.all(codes["support"][inside] == LAST_CODE)
-    assert evidence.density == pytest.approx(evidence.valid.mean())
+    assert evidence.density == pytest.approx(1 - SHIFT / COLUMNS)
+
+
+def test_what_is_masked_or_sky_does_not_count_as_missing() -> None:
+    state = plane(SHIFT, views())
+    assert state.disparity is not None
+    upper = np.arange(ROWS)[:, None] < ROWS // 2
+    for reason in (Invalid.MASKED, Invalid.SKY):
+        part = replace(
+            state.disparity,
+            disparity_px=np.where(upper, np.float32(np.nan), state.disparity.disparity_px),
+            validity=np.where(upper, np.uint16(reason), state.disparity.validity),
+        )
+        evidence = gather_evidence(state.views.left, state.views.right, part, state.range_px)
+        assert evidence.density == pytest.approx(1 - SHIFT / COLUMNS)
 
 
 def test_an_empty_map_is_predicted_without_warning() -> None:
