@@ -17,7 +17,6 @@ from benchmarks.batch_pairs import write_pairs
 from expert.batch.runlog import NAME
 from expert.decision import Decision
 
-LONGEST_S = 6.0  # a run that is killed lives up to this long beyond its first result
 POLL_S = 0.01
 
 

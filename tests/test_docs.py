@@ -40,6 +40,11 @@ def pages() -> list[Path]:
     return sorted(page for page in written if page not in ELSEWHERE and any(b[0] in RUN for b in found(page)))
 
 
+def test_every_page_that_leads_through_something_has_a_block_to_run() -> None:
+    leading = {ROOT / "README.md", DOCS / "tutorial.md", *(DOCS / "how-to").glob("*.md")}
+    assert leading <= set(pages())
+
+
 def test_pages_have_only_blocks_that_run_or_files_or_output() -> None:
     for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
         if page not in ELSEWHERE and "generated" not in page.parts:

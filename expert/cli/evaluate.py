@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 
+from expert.cli.options import Profile
 from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ Data = Annotated[
     typer.Argument(help="Folders of pairs with truth: an INDEX.json, Middlebury v3, ETH3D or KITTI layout"),
 ]
 Range = Literal["given", "estimated", "both"]
-Profile = Literal["fast", "balanced", "best"]
 RESULTS = "results.sqlite"
 PROFILES: tuple[Profile, ...] = get_args(Profile)
 

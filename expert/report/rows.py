@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from expert.decision import ConditionRecord, Decision, FactRecord
+from expert.decision import ConditionRecord, Decision
 from expert.facts import FieldInfo
 from expert.plan import Step
 from expert.report.answers import Answers
@@ -197,13 +197,3 @@ def rules_fired(decision: Decision, answers: Answers) -> list[RuleFired]:
 def _joined(known: tuple[T, ...], more: tuple[T, ...]) -> tuple[T, ...]:
     """Return both, everything once."""
     return tuple(dict.fromkeys((*known, *more)))
-
-
-def facts_that_mattered(decision: Decision) -> list[FactRecord]:
-    """Return the facts that rules fired on, each once."""
-    found: list[FactRecord] = []
-    for firing in decision.firings:
-        for record in firing.bindings.values():
-            if record not in found and record.template not in INTERNAL:
-                found.append(record)
-    return found

@@ -173,6 +173,7 @@ def _write_npz(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
     out = BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive:
         for name, values in arrays.items():
-            with archive.open(f"{name}.npy", "w") as file:  # carries no date, so that equal layers give equal bytes
+            # No date, so that equal layers give equal bytes; the size of an entry is not known before it is written.
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, values, allow_pickle=False)
     write_bytes(path, out.getvalue())

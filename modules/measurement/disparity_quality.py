@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modules.measurement.disparity_agreement import gray_dn, photometric_agreement
 from modules.operator import Cost
+from modules.primitives.coarse import sixteens
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Disparity, DisparityRange, FloatImage, Image, Invalid, Mask, Matching
 
@@ -95,7 +96,7 @@ class DisparityQuality(FactModel):
 
 def matched_pixels(left: NDArray[np.uint8], right: NDArray[np.uint8], search: DisparityRange) -> float:
     """Count the pixels of a reduced pair that match uniquely, match back, and correlate with their match."""
-    count = -(-search.count // 16) * 16
+    count = sixteens(search.count)
     pad = count + abs(search.min_px)
     one, other = (cv2.copyMakeBorder(image, 0, 0, pad, pad, cv2.BORDER_REPLICATE) for image in (left, right))
     matcher = cv2.StereoSGBM.create(

@@ -90,7 +90,6 @@ def _by_builder(method: str) -> Any:
 smaller: Any = _of_two("umin")
 larger: Any = _of_two("umax")
 add_clipped: Any = _of_two("uadd.sat")
-subtract_clipped: Any = _of_two("usub.sat")
 add: Any = _by_builder("add")
 subtract: Any = _by_builder("sub")
 either: Any = _by_builder("xor")
