@@ -2,10 +2,10 @@
 
 Two sweeps, downwards and upwards, carry four paths each. Both start at once and keep the sums of their half of the
 rows; where they meet, each goes on through the half of the other, whose sums are there, and every row is finished:
-added up and decided. So the volume of costs never exists, and one byte per pixel and disparity is kept. Where even that
-is too much, the halves are cut into strips: of all but the last only the state of the sweep before it is kept, and when
-the other sweep arrives the strip is swept once more from that state. Nothing is approximated: the result depends
-neither on the number of threads nor on the memory.
+added up and decided. Two bytes per pixel and disparity are kept, the sum and the cost; where that is too much, the cost
+is computed once more. Where even one byte is too much, the halves are cut into strips: of all but the last only the
+state of the sweep before it is kept, and when the other sweep arrives the strip is swept once more from that state.
+Nothing is approximated: the result depends neither on the number of threads nor on the memory.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from itertools import pairwise
 import numpy as np
 
 from modules.matching.common import Bytes, do_all
+from modules.matching.features import in_vectors
 from modules.operator import OperatorError
 from modules.types import FloatImage
 
 COST_ROWS = 32  # rows whose cost is computed at a time
 FINAL_ROWS = 4  # rows that are decided at a time, while they are in the cache
-FEWEST_DISPARITIES = 32  # the kernels count on whole vectors
 STATES = 6  # rows of path costs in one state: three paths, the row before and this one
 
 
@@ -71,8 +71,8 @@ class Problem:
 
     @property
     def count(self) -> int:
-        """Disparities held, at least as many as searched."""
-        return max(self.searched, FEWEST_DISPARITIES)
+        """Disparities held, in whole vectors."""
+        return in_vectors(self.searched)
 
 
 @dataclass(frozen=True)
@@ -106,44 +106,62 @@ class State:
         return self.paths[index % 2], self.least[index % 2]
 
 
-def strips_per_half(shape: tuple[int, ...], count: int, max_memory_mb: int, name: str) -> int:
-    """Return into how few strips each half of an image (H, W) must be cut.
+@dataclass(frozen=True)
+class Storage:
+    """What is kept of a half of the rows until the other sweep arrives; the result does not depend on it.
+
+    Attributes
+    ----------
+    strips : int
+        Into how many the half is cut.
+    costs : bool
+        Whether the matching costs are kept, which otherwise are computed once more; only of a half that is not cut.
+    """
+
+    strips: int = 1
+    costs: bool = False
+
+
+def plan_storage(shape: tuple[int, ...], count: int, max_memory_mb: int, name: str) -> Storage:
+    """Return the fastest storage for an image (H, W) that fits.
 
     Raises
     ------
     OperatorError
-        If the memory does not suffice, however many they are.
+        If the memory does not suffice, however many strips there are.
     """
     rows, columns = shape
     half = math.ceil(rows / 2)
-    held = max(count, FEWEST_DISPARITIES)
-    sizes = [(_bytes_needed(half, columns, held, strips), strips) for strips in range(1, half + 1)]
-    fitting = [strips for size, strips in sizes if size <= max_memory_mb * 1e6]
-    if not fitting:
-        raise OperatorError(
-            f"{name}: {columns}x{rows} px and {count} disparities need at least {math.ceil(min(sizes)[0] / 1e6)} MB, "
-            f"but max_memory_mb is {max_memory_mb}; raise it, narrow the range or reduce the images"
-        )
-    return fitting[0]
+    held = in_vectors(count)
+    ways = [Storage(costs=True), *(Storage(strips) for strips in range(1, half + 1))]
+    sizes = [_bytes_needed(half, columns, held, way) for way in ways]
+    for size, way in zip(sizes, ways, strict=True):
+        if size <= max_memory_mb * 1e6:
+            return way
+    raise OperatorError(
+        f"{name}: {columns}x{rows} px and {count} disparities need at least {math.ceil(min(sizes) / 1e6)} MB, "
+        f"but max_memory_mb is {max_memory_mb}; raise it, narrow the range or reduce the images"
+    )
 
 
-def _bytes_needed(half: int, columns: int, count: int, strips: int) -> int:
+def _bytes_needed(half: int, columns: int, count: int, storage: Storage) -> int:
     """Return the memory of both threads."""
-    saved = 3 * strips if strips > 1 else 0
-    replay = STATES if strips > 1 else 0
-    rows = math.ceil(half / strips) + saved + STATES + replay + COST_ROWS + 2 * FINAL_ROWS
+    saved = 3 * storage.strips if storage.strips > 1 else 0
+    replay = STATES if storage.strips > 1 else 0
+    cost = half if storage.costs else COST_ROWS
+    rows = math.ceil(half / storage.strips) + saved + STATES + replay + cost + 2 * FINAL_ROWS
     return 2 * rows * (columns + 2) * (count + 2)
 
 
 class _Worker:
     """One of the two sweeps, and the rows in which it decides."""
 
-    def __init__(self, problem: Problem, backward: bool, strips: int, out: Selection) -> None:
-        self.problem, self.backward, self.out = problem, backward, out
+    def __init__(self, problem: Problem, backward: bool, storage: Storage, out: Selection) -> None:
+        self.problem, self.backward, self.storage, self.out = problem, backward, storage, out
         rows, columns = problem.gray.shape
         middle = rows // 2
         low, high = (middle, rows) if backward else (0, middle)
-        edges = [low + (high - low) * k // strips for k in range(strips + 1)]
+        edges = [low + (high - low) * k // storage.strips for k in range(storage.strips + 1)]
         own = list(pairwise(edges))
         self.strips = own[::-1] if backward else own  # in the order of the sweep
         size = columns * problem.count
@@ -151,7 +169,7 @@ class _Worker:
         self.kept = np.empty((max(tallest, 1), size), np.uint8)
         self.saved: list[tuple[Bytes, Bytes]] = []
         self.state = self._fresh()
-        self.cost = np.empty((COST_ROWS, size), np.uint8)
+        self.cost = np.empty((max(tallest, 1) if storage.costs else COST_ROWS, size), np.uint8)
         self.total = np.empty((FINAL_ROWS, size), np.uint16)
 
     def _fresh(self) -> State:
@@ -169,7 +187,7 @@ class _Worker:
             if not last:
                 paths, least = self.state.row(self._index(top, bottom)[0])
                 self.saved.append((paths.copy(), least.copy()))
-            self.sweep(self.state, top, bottom, sweeps.KEEP if last else sweeps.CARRY, self.kept)
+            self.sweep(self.state, top, bottom, sweeps.KEEP if last else sweeps.CARRY, self.kept, self.cost)
 
     def finish_half_of(self, other: _Worker) -> None:
         """Sweep on over the half of the other, whose sums are there or are made again, and decide its rows."""
@@ -182,26 +200,28 @@ class _Worker:
                 for held, saved in zip(again.row(other._index(top, bottom)[0]), other.saved[number], strict=True):
                     held[:] = saved
                 other.sweep(again, top, bottom, sweeps.KEEP, other.kept, self.cost)
-            self.sweep(self.state, top, bottom, sweeps.JOIN, other.kept)
+            cost = other.cost if self.storage.costs else self.cost
+            self.sweep(self.state, top, bottom, sweeps.JOIN, other.kept, cost)
 
     def _index(self, top: int, bottom: int) -> tuple[int, int]:
         """Return rows of the image as rows counted from where the sweep starts."""
         rows = self.problem.gray.shape[0]
         return (rows - bottom, rows - top) if self.backward else (top, bottom)
 
-    def sweep(self, state: State, top: int, bottom: int, mode: int, kept: Bytes, cost: Bytes | None = None) -> None:
-        """Sweep over rows top to bottom of the image."""
+    def sweep(self, state: State, top: int, bottom: int, mode: int, kept: Bytes, cost: Bytes) -> None:
+        """Sweep over rows top to bottom of the image; `cost` is room for their costs, or holds them from before."""
         from modules.matching.kernels import sweeps
 
-        cost = self.cost if cost is None else cost
         final = mode == sweeps.JOIN
         for first, last in self._batches(top, bottom, COST_ROWS):
-            self._fill_cost(first, last, cost)
+            cost_top = top if self.storage.costs else first
+            if not (self.storage.costs and final):
+                self._fill_cost(first, last, cost[first - cost_top :])
             for begin, end in self._batches(first, last, FINAL_ROWS) if final else [(first, last)]:
                 p = self.problem
                 sweeps.sweep_rows(
                     cost,
-                    first,
+                    cost_top,
                     p.gray,
                     *self._index(begin, end),
                     self.backward,
@@ -228,12 +248,20 @@ class _Worker:
         from modules.matching.kernels import cost as kernels
 
         p = self.problem
-        part = cost[: last - first]
         kernels.cost_rows(
-            p.left, p.right, p.before, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, first, last, part
+            p.left,
+            p.right,
+            p.before,
+            p.searched,
+            p.bit_shift,
+            p.value_limit,
+            p.radius,
+            p.levels,
+            p.most,
+            first,
+            last,
+            cost[: last - first],
         )
-        if p.searched < p.count:
-            part.reshape(last - first, -1, p.count)[:, :, p.searched :] = kernels.PADDING
 
     def _decide(self, begin: int, end: int) -> None:
         from modules.matching.kernels import selection
@@ -253,21 +281,21 @@ class _Worker:
         )
 
 
-def aggregate(problem: Problem, strips: int, pool: ThreadPoolExecutor | None) -> Selection:
+def aggregate(problem: Problem, storage: Storage, pool: ThreadPoolExecutor | None) -> Selection:
     """Return what has the least sum of path costs.
 
     Parameters
     ----------
     problem : Problem
-    strips : int
-        Per half of the rows; see `strips_per_half`.
+    storage : Storage
+        See `plan_storage`.
     pool : ThreadPoolExecutor or None
         Where the sweeps run, at least two threads; None for the calling thread.
     """
     rows, columns = problem.gray.shape
     reached = columns if problem.right_columns is None else problem.right_columns
     out = Selection(*(np.empty((rows, width), np.float32) for width in (columns, columns, reached, reached)))
-    down, up = (_Worker(problem, backward, strips, out) for backward in (False, True))
+    down, up = (_Worker(problem, backward, storage, out) for backward in (False, True))
     do_all(pool, _Worker.keep_own_half, (down, up))
     other = {down: up, up: down}
     do_all(pool, lambda worker: worker.finish_half_of(other[worker]), (down, up))

@@ -14,7 +14,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from modules.matching.aggregation import Problem, Selection, aggregate
+from modules.matching.aggregation import Problem, Selection, Storage, aggregate
 from modules.matching.common import Bytes, at_match, do_all
 from modules.types import DisparityRange, FloatImage
 
@@ -86,7 +86,9 @@ def _range_of(coarse: FloatImage, search: DisparityRange) -> DisparityRange:
     return DisparityRange(least, max(min(int(np.ceil(high + margin)) + 1, search.max_px), least + 1))
 
 
-def match_tiles(problem: Problem, tiles: list[Tile], strips: list[int], pool: ThreadPoolExecutor | None) -> Selection:
+def match_tiles(
+    problem: Problem, tiles: list[Tile], storages: list[Storage], pool: ThreadPoolExecutor | None
+) -> Selection:
     """Match every tile in its range.
 
     Parameters
@@ -94,8 +96,8 @@ def match_tiles(problem: Problem, tiles: list[Tile], strips: list[int], pool: Th
     problem : Problem
         Of the whole images and range.
     tiles : list of Tile
-    strips : list of int
-        Into how many each half of a tile is cut; see `aggregation.strips_per_half`.
+    storages : list of Storage
+        Of each tile; see `aggregation.plan_storage`.
     pool : ThreadPoolExecutor or None
         Matches tiles at once; the result does not depend on it.
 
@@ -108,11 +110,11 @@ def match_tiles(problem: Problem, tiles: list[Tile], strips: list[int], pool: Th
     disparity, ratio, right_px = (np.full(shape, np.nan, np.float32) for _ in range(3))
     out = Selection(disparity, ratio, right_px, np.full(shape, np.inf, np.float32))
 
-    def solve(case: tuple[Tile, int]) -> Selection:
-        tile, cuts = case
-        return aggregate(part_of(problem, tile), cuts, None)
+    def solve(case: tuple[Tile, Storage]) -> Selection:
+        tile, storage = case
+        return aggregate(part_of(problem, tile), storage, None)
 
-    found = do_all(pool, solve, zip(tiles, strips, strict=True))
+    found = do_all(pool, solve, zip(tiles, storages, strict=True))
     for tile, part in zip(tiles, found, strict=True):
         _paste(tile, part, out)
     return out

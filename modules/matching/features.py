@@ -25,7 +25,7 @@ KNEE = 32.0  # derivatives beyond this count by their logarithm, so that contras
 BRIGHT_DN, DARK_DN = 100.0, 10.0  # derivatives are those of a scene of this mean brightness; darkness counts as this
 BRIGHTNESS_PX = 9  # side of the window of the mean brightness, px
 STEEPEST = 1023  # derivatives are cut off here, where their byte is full; Sobel units
-VECTOR = 32  # the kernels read whole vectors
+VECTOR = 32  # disparities that the kernels count at once
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,11 @@ def smooth_levels(image: Bytes, sigma_px: float) -> NDArray[np.int16]:
     if sigma_px > 0:
         fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE), np.int16)
     return fine
+
+
+def in_vectors(count: int) -> int:
+    """Return so many disparities or a few more, as many as whole vectors hold."""
+    return -(-count // VECTOR) * VECTOR
 
 
 def window_of(cost: CostName, census: CensusName) -> int:
@@ -137,7 +142,7 @@ def compute_features(
         Does both images at once.
     """
     before = left.shape[1] - 1
-    length = before + -(-count // VECTOR) * VECTOR
+    length = before + in_vectors(count)
 
     def prepare(side: Literal["left", "right"]) -> Bytes:
         levels = smooth_levels(left if side == "left" else right, smooth_px)

@@ -54,37 +54,55 @@ def refine_by_intensity(
     from modules.matching.kernels import refinement
 
     rows, columns = disparity.shape
-    wanted, target, slope, smooth, inside, warped, warped_slope, refined = (
-        np.empty((rows, columns), np.float32) for _ in range(8)
+    wanted, warped, warped_slope, current, smooth, inside, refined = (
+        room_with_margins(disparity.shape, radius) for _ in range(7)
     )
+    image = slice(radius, radius + columns)
+    target, slope = (np.empty((rows, columns), np.float32) for _ in range(2))
     across = np.arange(columns, dtype=np.float32)
 
     def prepare(part: slice) -> None:
-        wanted[part], target[part] = left[part], right[part]
+        wanted[part, image], target[part], current[part, image] = left[part], right[part], disparity[part]
         slope[part] = cv2.filter2D(target[part], cv2.CV_32F, DERIVATIVE, borderType=cv2.BORDER_REPLICATE)
 
     def warp(part: slice) -> None:
-        refinement.smooth_rows(current, radius, part.start, part.stop, smooth)
+        refinement.smooth_rows(before, columns, radius, part.start, part.stop, smooth)
         down = np.repeat(np.arange(part.start, part.stop, dtype=np.float32)[:, None], columns, axis=1)
-        at = across - smooth[part]
-        inside[part] = np.where((at >= -0.5) & (at <= columns - 0.5), smooth[part], np.float32(np.inf))
-        warped[part] = cv2.remap(target, at, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        warped_slope[part] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        found = smooth[part, image]
+        at = across - found
+        inside[part, image] = np.where((at >= -0.5) & (at <= columns - 0.5), found, np.float32(np.inf))
+        warped[part, image] = cv2.remap(target, at, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        warped_slope[part, image] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def fit(part: slice) -> None:
-        refinement.fit_rows(wanted, warped, warped_slope, smooth, inside, radius, part.start, part.stop, refined)
+        refinement.fit_rows(
+            wanted, warped, warped_slope, smooth, inside, columns, radius, part.start, part.stop, refined
+        )
 
     def hold(part: slice) -> None:
-        refined[part] = _held_at_ends(refined[part], disparity[part], search)
+        refined[part, image] = _held_at_ends(refined[part, image], disparity[part], search)
 
     do_all(pool, prepare, halves(rows))
-    current = disparity
+    before = current
     for _ in range(passes):
         for step in (warp, fit):
             do_all(pool, step, halves(rows))
-        current = refined
+        before = refined
     do_all(pool, hold, halves(rows))
-    return refined
+    return np.ascontiguousarray(refined[:, image])
+
+
+def room_with_margins(shape: tuple[int, ...], radius: int) -> FloatImage:
+    """Return room for an image (H, W) with margins on both sides that count as another surface to the kernels.
+
+    The image begins at column `radius`. Windows and vectors that begin in the image may end in a margin.
+    """
+    from modules.matching.kernels.vectors import FLOAT_LANES
+
+    rows, columns = shape
+    out = np.empty((rows, columns + 2 * radius + FLOAT_LANES), np.float32)
+    out[:, :radius] = out[:, radius + columns :] = np.inf
+    return out
 
 
 def _held_at_ends(refined: FloatImage, disparity: FloatImage, search: DisparityRange) -> FloatImage:

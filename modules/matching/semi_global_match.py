@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from modules.matching.aggregation import Problem, Selection, aggregate, strips_per_half
+from modules.matching.aggregation import Problem, Selection, aggregate, plan_storage
 from modules.matching.coarse_to_fine import confirmed_coarse, match_tiles, plan_tiles
 from modules.matching.common import Bytes, assemble, checked_range, to_bytes
 from modules.matching.features import FINENESS, CensusName, CostName, compute_features, smooth_levels, window_of
@@ -69,7 +69,7 @@ class SemiGlobalMatchParams(OperatorParams):
     threads: Literal[1, 2] = Field(
         2, description="Most threads, within `cv2.setNumThreads`; the result does not depend on them"
     )
-    max_memory_mb: int = Field(512, ge=1, le=65536, description="Most memory for path costs, MB; less takes longer")
+    max_memory_mb: int = Field(400, ge=1, le=65536, description="Most memory for path costs, MB; less takes longer")
     reject_range_border: bool = Field(False, description="Reject pixels whose best disparity is an end of the range")
 
 
@@ -154,15 +154,15 @@ def _match_levels(
     """Match at once, or coarsely first."""
 
     def match(one: Bytes, other: Bytes, wanted: DisparityRange) -> Selection:
-        strips = strips_per_half(one.shape, wanted.count, params.max_memory_mb, NAME)
-        return aggregate(state_problem(one, other, wanted, params, pool), strips, pool)
+        storage = plan_storage(one.shape, wanted.count, params.max_memory_mb, NAME)
+        return aggregate(state_problem(one, other, wanted, params, pool), storage, pool)
 
     if not params.coarse_to_fine:
         return match(left, right, search)
     tiles = plan_tiles(confirmed_coarse(left, right, search, match), left.shape, search)
     each_mb = params.max_memory_mb // params.threads  # a thread matches one tile at a time
-    strips = [strips_per_half(tile.shape, tile.search.count, each_mb, NAME) for tile in tiles]
-    return match_tiles(state_problem(left, right, search, params, pool), tiles, strips, pool)
+    storages = [plan_storage(tile.shape, tile.search.count, each_mb, NAME) for tile in tiles]
+    return match_tiles(state_problem(left, right, search, params, pool), tiles, storages, pool)
 
 
 def _mixed(views: Views, gray: Literal["luminance", "mean"]) -> Views:
@@ -201,8 +201,8 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     Immune to every smooth change of brightness; noise harms it more than `semi_global_block_match`: enlarge the window.
     A curve through the least costs pulls fractions of a pixel towards whole ones; on rendered terrain the median error
     falls from 0.08 to 0.04 px when intensities refine it, and real pairs have fewer errors above 0.25 px too.
-    The result depends neither on `threads` nor on `max_memory_mb`; too little memory for one byte per pixel and
-    disparity makes it up to half as slow again.
+    The result depends neither on `threads` nor on `max_memory_mb`; with less than two bytes per pixel and disparity
+    costs are computed twice, with less than one sums too.
 
     References
     ----------
@@ -229,7 +229,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=SemiGlobalMatchParams,
     function=semi_global_match,
-    cost=Cost(fixed_ms=5.0, ns_per_pixel=130.0, ns_per_pixel_disparity=2.3),
+    cost=Cost(fixed_ms=2.0, ns_per_pixel=130.0, ns_per_pixel_disparity=1.0),
     summary="Match by census and horizontal derivatives along eight paths.",
     suits="The most accurate matcher, immune to brightness differences; slower, and heavy noise needs a larger window.",
     needs=("numba",),

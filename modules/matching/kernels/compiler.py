@@ -7,7 +7,10 @@ from typing import Any
 
 import numba
 
-kernel: Any = numba.njit(cache=True, nogil=True, boundscheck=False)
+kernel: Any = numba.njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
+part: Any = numba.njit(
+    nogil=True, boundscheck=False, error_model="numpy", forceinline=True
+)  # of a kernel, compiled into it
 
 
 def will_compile(function: Any) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.matching.kernels.compiler import kernel
+from modules.matching.kernels.compiler import kernel, part
 from modules.matching.kernels.vectors import (
     LANES,
     add,
@@ -18,11 +18,13 @@ from modules.matching.kernels.vectors import (
     larger,
     load,
     narrow,
+    ramp,
     scale,
     shift_left,
     smaller,
     store,
     subtract,
+    where_smaller,
     widen,
     words_of,
 )
@@ -31,7 +33,7 @@ BLOCK = 128  # columns whose cost is averaged at a time, so that the sums stay i
 PADDING = 255  # cost of disparities that are not searched; larger than any other, so that none is ever the best
 
 
-@kernel
+@part
 def _replace_costs(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
@@ -43,7 +45,7 @@ def _replace_costs(
     held_at: int,
     column: NDArray[np.uint16],
     column_at: int,
-    room: int,
+    count: int,
 ) -> None:
     """Put the costs of one pixel in the place of others, and their change into the sums of its column."""
     words = left.shape[0] - 1
@@ -52,7 +54,7 @@ def _replace_costs(
     weight = bytes_of(np.uint8(bit_shift))
     three = words >= 3
     word0, word1, word2 = bytes_of(left[0]), bytes_of(left[1 % (words + 1)]), bytes_of(left[2 % (words + 1)])
-    for d in range(0, room, LANES):
+    for d in range(0, count, LANES):
         other = load(right, at + words * plane + d)
         bits = bytes_of(np.uint8(0))
         if three:
@@ -69,7 +71,7 @@ def _replace_costs(
         store(column, column_at + d, add(subtract(total, widen(old)), widen(cost)))
 
 
-@kernel
+@part
 def _slide(
     running: NDArray[np.uint16],
     column: NDArray[np.uint16],
@@ -81,16 +83,16 @@ def _slide(
     out: NDArray[np.uint8],
     at: int,
     count: int,
+    searched: int,
 ) -> None:
     """Write the mean of the window in `running`, then move it by one column."""
     by, times, most = words_of(np.uint16(shift)), words_of(np.uint16(factor)), words_of(np.uint16(limit))
-    chunks = (count + LANES - 1) // LANES
-    for chunk in range(chunks):
-        d = min(chunk * LANES, count - LANES)
-        store(out, at + d, narrow(smaller(scale(shift_left(load(running, d), by), times), most)))
-    for chunk in range(chunks):
-        d = chunk * LANES
-        store(running, d, subtract(add(load(running, d), load(column, enter + d)), load(column, leave + d)))
+    end, padding = words_of(np.uint16(searched)), words_of(np.uint16(PADDING))
+    for d in range(0, count, LANES):
+        total = load(running, d)
+        cost = smaller(scale(shift_left(total, by), times), most)
+        store(out, at + d, narrow(where_smaller(ramp(np.uint16(d)), end, cost, padding)))
+        store(running, d, subtract(add(total, load(column, enter + d)), load(column, leave + d)))
 
 
 @kernel
@@ -98,6 +100,7 @@ def cost_rows(
     left: NDArray[np.uint8],
     right: NDArray[np.uint8],
     before: int,
+    searched: int,
     bit_shift: int,
     value_limit: int,
     radius: int,
@@ -120,7 +123,9 @@ def cost_rows(
         The same of the right image, from right to left and continued, so that index `before + d` of a row holds what
         the first left pixel is compared with at disparity index d, and one less what the next one is.
     before : int
-        At least W - 1; L is at least `before` and as many more as D, rounded up to whole vectors.
+        At least W - 1; L is at least `before` + D.
+    searched : int
+        Disparities searched, at most D; the cost of the others is `PADDING`.
     bit_shift, value_limit : int
         A pixel costs `bits << bit_shift` plus the difference of the values, at most `value_limit`.
     radius : int
@@ -131,11 +136,10 @@ def cost_rows(
         Largest cost stored, at most 254.
     start, stop : int
     out : uint8 (stop - start, W * D)
-        D at least 32.
+        D in whole vectors.
     """
     rows, columns, planes = left.shape
     count = out.shape[1] // columns
-    room = (count + LANES - 1) // LANES * LANES
     side = 2 * radius + 1
     largest = side * side * ((8 * (planes - 1) << bit_shift) + value_limit)
     shift = 0
@@ -145,9 +149,9 @@ def cost_rows(
     widest = BLOCK + 2 * radius
     length = right.shape[2]
     mirrored = right.reshape(right.size)
-    held = np.empty(side * widest * room, np.uint8)
-    column = np.empty((widest + 1) * room, np.uint16)
-    running = np.empty(room, np.uint16)
+    held = np.empty(side * widest * count, np.uint8)
+    column = np.empty((widest + 1) * count, np.uint16)
+    running = np.empty(count, np.uint16)
     for begin in range(0, columns, BLOCK):
         width = min(begin + BLOCK, columns) - begin
         held[:] = np.uint8(0)
@@ -158,17 +162,29 @@ def cost_rows(
             for k in range(width + 2 * radius):
                 x = min(max(begin - radius + k, 0), columns - 1)
                 at = y * length + before - x
-                spot = (slot + k) * room
+                spot = (slot + k) * count
                 _replace_costs(
-                    left[y, x], mirrored, at, rows * length, bit_shift, value_limit, held, spot, column, k * room, room
+                    left[y, x],
+                    mirrored,
+                    at,
+                    rows * length,
+                    bit_shift,
+                    value_limit,
+                    held,
+                    spot,
+                    column,
+                    k * count,
+                    count,
                 )
             row = step - radius - start
             if row < 0:
                 continue
             running[:] = np.uint16(0)
             for k in range(side):
-                for d in range(0, room, LANES):
-                    store(running, d, add(load(running, d), load(column, k * room + d)))
+                for d in range(0, count, LANES):
+                    store(running, d, add(load(running, d), load(column, k * count + d)))
             for k in range(width):
                 at = (begin + k) * count
-                _slide(running, column, (k + side) * room, k * room, shift, factor, most, out[row], at, count)
+                _slide(
+                    running, column, (k + side) * count, k * count, shift, factor, most, out[row], at, count, searched
+                )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.matching.kernels.compiler import kernel
+from modules.matching.kernels.compiler import kernel, part
 from modules.matching.kernels.vectors import (
     LANES,
     first_equal,
@@ -25,40 +25,37 @@ PARABOLA, EQUIANGULAR, UNLOCKED = 0, 1, 2  # curves of `select_rows`
 NOTHING = 65535  # no cost
 
 
-@kernel
+@part
 def _least_of(total: NDArray[np.uint16], at: int, count: int) -> Any:
     """Return the least of `count` costs."""
     best = words_of(np.uint16(NOTHING))
-    for chunk in range((count + LANES - 1) // LANES):
-        best = smaller(best, load(total, at + min(chunk * LANES, count - LANES)))
+    for d in range(0, count, LANES):
+        best = smaller(best, load(total, at + d))
     return least(best)
 
 
-@kernel
+@part
 def _index_of(total: NDArray[np.uint16], at: int, count: int, value: np.uint16) -> int:
     """Return the first index of a cost that is there."""
     wanted = words_of(value)
-    for chunk in range((count + LANES - 1) // LANES):
-        d = min(chunk * LANES, count - LANES)
+    for d in range(0, count, LANES):
         lane = first_equal(load(total, at + d), wanted)
         if lane < LANES:
             return d + lane
     return 0
 
 
-@kernel
-def _second_of(total: NDArray[np.uint16], at: int, count: int, searched: int, index: int) -> int:
+@part
+def _second_of(total: NDArray[np.uint16], at: int, count: int, index: int) -> int:
     """Return the least cost away from an index and its neighbours."""
-    low, high = at + max(index - 1, 0), at + min(index + 1, searched - 1)
-    before, here, after = total[low], total[at + index], total[high]
-    total[low] = total[at + index] = total[high] = np.uint16(NOTHING)
-    second = _least_of(total, at, count)
-    total[low], total[high] = before, after
-    total[at + index] = here
-    return int(second)
+    best, nothing, three = words_of(np.uint16(NOTHING)), words_of(np.uint16(NOTHING)), words_of(np.uint16(3))
+    for d in range(0, count, LANES):
+        beyond = ramp(np.uint16(d + 1 - index))  # 0, 1 and 2 at the index and its neighbours
+        best = smaller(best, where_smaller(beyond, three, nothing, load(total, at + d)))
+    return int(least(best))
 
 
-@kernel
+@part
 def _offer(
     total: NDArray[np.uint16],
     at: int,
@@ -68,8 +65,7 @@ def _offer(
     place: int,
 ) -> None:
     """Offer the costs of a left pixel to the right pixels that it may match, which keep the least."""
-    for chunk in range((count + LANES - 1) // LANES):
-        d = min(chunk * LANES, count - LANES)
+    for d in range(0, count, LANES):
         value, held = load(total, at + d), load(best, place + d)
         store(index, place + d, where_smaller(value, held, ramp(np.uint16(d)), load(index, place + d)))
         store(best, place + d, smaller(value, held))
@@ -97,7 +93,7 @@ def _select_row(
         at = x * count
         best = _least_of(total, at, count)
         index = _index_of(total, at, count, best)
-        second = _second_of(total, at, count, searched, index)
+        second = _second_of(total, at, count, index)
         offset = 0.0
         if 0 < index < searched - 1:
             before = float(total[at + index - 1]) - float(best)
@@ -152,7 +148,7 @@ def select_rows(
     Parameters
     ----------
     totals : uint16 (h, W * D)
-        Aggregated cost; those after the disparities searched are larger than all others.
+        Aggregated cost; D in whole vectors; those after the disparities searched are larger than all others.
     searched : int
         Disparities searched, at most D.
     low : int

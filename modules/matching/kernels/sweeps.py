@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.matching.kernels.compiler import kernel
+from modules.matching.kernels.compiler import kernel, part
 from modules.matching.kernels.vectors import (
     LANES,
     add,
@@ -29,7 +29,7 @@ from modules.matching.kernels.vectors import (
 CARRY, KEEP, JOIN = 0, 1, 2  # what becomes of a row: only the state is carried on, its sums are kept, or joined
 
 
-@kernel
+@part
 def _step(old: Any, at: int, penalty: Any, jump: Any, base: Any) -> Any:
     """Return the least cost of arriving at 32 disparities, above the least of the pixel before."""
     beside = smaller(load(old, at), load(old, at + 2))
@@ -59,6 +59,7 @@ def sweep_row(
     Parameters
     ----------
     cost : uint8 (W * D,)
+        D in whole vectors.
     gray, before : uint8 (W,)
         Intensities of this row and the one before, which select P2 by the step along the path.
     backward : bool
@@ -84,7 +85,6 @@ def sweep_row(
     columns = gray.shape[0]
     count = cost.shape[0] // columns
     cell = count + 2
-    chunks = (count + LANES - 1) // LANES
     sign = -1 if backward else 1
     penalty = bytes_of(np.uint8(p1))
     along[1 : count + 1] = np.uint8(0)
@@ -106,8 +106,7 @@ def sweep_row(
         jump3 = bytes_of(np.uint8(least3 + p2_of_step[abs(here - np.int64(before[xb]))]))
         base0, base1, base2, base3 = bytes_of(least0), bytes_of(least1), bytes_of(least2), bytes_of(least3)
         best0 = best1 = best2 = best3 = bytes_of(np.uint8(255))
-        for chunk in range(chunks):
-            d = min(chunk * LANES, count - LANES)  # the last vector may overlap the one before
+        for d in range(0, count, LANES):
             c = load(cost, x * count + d)
             v0 = _step(along, from0 + d, penalty, jump0, base0)
             n0 = add_clipped(v0, c)

@@ -1,4 +1,4 @@
-"""Vectors of unsigned integers for kernels: loops that count on one instruction for 32 lanes say so, and get it.
+"""Vectors of unsigned integers and of floats for kernels: loops that count on one instruction for many lanes get it.
 
 The compiler's own vectorisation gives up where a loop touches more than a few arrays. These operations become vector
 instructions of whatever processor the kernel is compiled for. A vector is loaded from a flat contiguous array, at any
@@ -15,6 +15,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 LANES = 32
+FLOAT_LANES = 16
 _operation: Any = intrinsic
 
 
@@ -26,12 +27,30 @@ class Vector(types.Type):
         super().__init__(name=f"Vector({LANES} x uint{bits})")
 
 
+class Floats(types.Type):
+    """Type of `FLOAT_LANES` numbers, float32."""
+
+    def __init__(self) -> None:
+        super().__init__(name=f"Floats({FLOAT_LANES})")
+
+
 @register_model(Vector)
 class VectorModel(models.PrimitiveModel):
     """A vector is a register."""
 
     def __init__(self, manager: Any, vector: Vector) -> None:
         super().__init__(manager, vector, _register(vector.bits))
+
+
+@register_model(Floats)
+class FloatsModel(models.PrimitiveModel):
+    """A vector is a register."""
+
+    def __init__(self, manager: Any, vector: Floats) -> None:
+        super().__init__(manager, vector, FLOAT_REGISTER)
+
+
+FLOAT_REGISTER = ir.VectorType(ir.FloatType(), FLOAT_LANES)
 
 
 def _register(bits: int) -> Any:
@@ -45,18 +64,17 @@ def _call(builder: Any, name: str, bits: int, arguments: list[Any], result: Any 
     return builder.call(function, arguments)
 
 
-def _spread(builder: Any, value: Any, bits: int) -> Any:
-    kind = _register(bits)
+def _spread(builder: Any, value: Any, kind: Any) -> Any:
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(
-        one, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    )
+    nowhere = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), nowhere)
 
 
 def _place(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
     """Return the address of the vector at an index of a flat array."""
     data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), _register(array_type.dtype.bitwidth).as_pointer())
+    kind = FLOAT_REGISTER if array_type.dtype == types.float32 else _register(array_type.dtype.bitwidth)
+    return builder.bitcast(builder.gep(data, [index]), kind.as_pointer())
 
 
 def _flat(array: Any) -> bool:
@@ -75,12 +93,12 @@ def _of_two(name: str) -> Any:
     return _operation(operation)
 
 
-def _by_builder(method: str) -> Any:
+def _by_builder(integers: str, floats: str = "") -> Any:
     """Return an operation of two vectors of the same kind that is one instruction."""
 
     def operation(typing_context: Any, a: Any, b: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return getattr(builder, method)(*arguments)
+            return getattr(builder, floats if isinstance(a, Floats) else integers)(*arguments)
 
         return a(a, b), generate
 
@@ -90,22 +108,24 @@ def _by_builder(method: str) -> Any:
 smaller: Any = _of_two("umin")
 larger: Any = _of_two("umax")
 add_clipped: Any = _of_two("uadd.sat")
-add: Any = _by_builder("add")
-subtract: Any = _by_builder("sub")
+add: Any = _by_builder("add", "fadd")
+subtract: Any = _by_builder("sub", "fsub")
+multiply: Any = _by_builder("mul", "fmul")
 either: Any = _by_builder("xor")
 shift_left: Any = _by_builder("shl")
 
 
 @_operation
 def load(typing_context: Any, array: Any, index: Any) -> Any:
-    """Load the vector that begins at an index of a flat array of uint8 or uint16."""
+    """Load the vector that begins at an index of a flat array of uint8, uint16 or float32."""
     if not _flat(array):
         return None
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(_place(context, builder, signature.args[0], *arguments), align=1)
 
-    return Vector(array.dtype.bitwidth)(array, types.intp), generate
+    kind = Floats() if array.dtype == types.float32 else Vector(array.dtype.bitwidth)
+    return kind(array, types.intp), generate
 
 
 @_operation
@@ -125,7 +145,7 @@ def store(typing_context: Any, array: Any, index: Any, vector: Any) -> Any:
 def _splat(bits: int) -> Any:
     def operation(typing_context: Any, value: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return _spread(builder, arguments[0], bits)
+            return _spread(builder, arguments[0], _register(bits))
 
         return Vector(bits)(getattr(types, f"uint{bits}")), generate
 
@@ -134,6 +154,31 @@ def _splat(bits: int) -> Any:
 
 bytes_of: Any = _splat(8)
 words_of: Any = _splat(16)
+
+
+@_operation
+def floats_of(typing_context: Any, value: Any) -> Any:
+    """Return a float32 in every lane."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _spread(builder, arguments[0], FLOAT_REGISTER)
+
+    return Floats()(types.float32), generate
+
+
+@_operation
+def where_within(typing_context: Any, difference: Any, limit: Any, yes: Any) -> Any:
+    """Return `yes` in the lanes where a difference is smaller than a limit, whatever its sign, else 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        difference, limit, yes = arguments
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(FLOAT_REGISTER, [FLOAT_REGISTER]), f"llvm.fabs.v{FLOAT_LANES}f32"
+        )
+        small = builder.fcmp_ordered("<", builder.call(function, [difference]), limit)
+        return builder.select(small, yes, ir.Constant(FLOAT_REGISTER, [0.0] * FLOAT_LANES))
+
+    return Floats()(difference, limit, yes), generate
 
 
 @_operation
@@ -233,6 +278,8 @@ def ramp(typing_context: Any, start: Any) -> Any:
     """Return 16-bit words that count upwards from a number."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.add(_spread(builder, arguments[0], 16), ir.Constant(_register(16), list(range(LANES))))
+        return builder.add(
+            _spread(builder, arguments[0], _register(16)), ir.Constant(_register(16), list(range(LANES)))
+        )
 
     return Vector(16)(types.uint16), generate

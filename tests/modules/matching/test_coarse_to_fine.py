@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from modules.matching.aggregation import aggregate
+from modules.matching.aggregation import Storage, aggregate
 from modules.matching.coarse_to_fine import TILE_PX, Tile, match_tiles, plan_tiles
 from modules.matching.semi_global_match import SemiGlobalMatchParams, match_gray, semi_global_match, state_problem
 from modules.types import DisparityRange, Matching, Views
@@ -31,8 +31,8 @@ def test_one_tile_that_sees_everything_gives_what_its_range_gives(
     everywhere = (slice(0, 40), slice(0, 90))
     narrow = DisparityRange(part_low, part_high)
     whole = state_problem(left, right, DisparityRange(low, high), params)
-    found = match_tiles(whole, [Tile(everywhere, everywhere, narrow)], [strips], None)
-    expected = aggregate(state_problem(left, right, narrow, params), 1, None)
+    found = match_tiles(whole, [Tile(everywhere, everywhere, narrow)], [Storage(strips)], None)
+    expected = aggregate(state_problem(left, right, narrow, params), Storage(), None)
     np.testing.assert_allclose(found.disparity, expected.disparity, atol=1e-5)
     np.testing.assert_array_equal(found.ratio, expected.ratio)
     np.testing.assert_allclose(found.right_px, expected.right_px, atol=1e-5)
@@ -99,8 +99,8 @@ def test_tiles_in_a_pool_are_those_in_turn() -> None:
     tiles = plan_tiles(np.full((150, 300), 6.0, np.float32), left.shape, DisparityRange(-8, 24))
     with ThreadPoolExecutor(2) as pool:
         one, two = (
-            match_tiles(problem, tiles, [1] * len(tiles), None),
-            match_tiles(problem, tiles, [2] * len(tiles), pool),
+            match_tiles(problem, tiles, [Storage(costs=True)] * len(tiles), None),
+            match_tiles(problem, tiles, [Storage(2)] * len(tiles), pool),
         )
     np.testing.assert_array_equal(one.disparity, two.disparity)
     np.testing.assert_array_equal(one.right_cost, two.right_cost)

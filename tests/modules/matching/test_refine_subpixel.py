@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modules.matching.kernels import refinement
-from modules.matching.refine_subpixel import refine_by_intensity
+from modules.matching.refine_subpixel import refine_by_intensity, room_with_margins
 from modules.matching.semi_global_match import SemiGlobalMatchParams, semi_global_match
 from modules.operator import OperatorError
 from modules.types import DisparityRange, Matching, Views
@@ -73,14 +74,22 @@ def test_beside_the_border_of_the_right_image_what_lies_beyond_it_does_not_count
     assert elsewhere.max() < 0.01
 
 
+def with_margins(image: NDArray[Any], radius: int) -> NDArray[np.float32]:
+    out = room_with_margins(image.shape, radius)
+    out[:, radius : radius + image.shape[1]] = image
+    return out
+
+
 def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
     views, truth = slanted_pair()
-    images = [np.asarray(image, np.float32) for image in (views.left, views.right)]
-    whole, parts = np.empty((2, *truth.shape), np.float32), np.empty((2, *truth.shape), np.float32)
-    for bounds, out in (((0, 60),), whole), (((0, 13), (13, 60)), parts):
+    rows, columns = truth.shape
+    left, right, px = (with_margins(image, 2) for image in (views.left, views.right, truth))
+    whole, parts = np.zeros((2, *px.shape), np.float32), np.zeros((2, *px.shape), np.float32)
+    for bounds, out in (((0, rows),), whole), (((0, 13), (13, rows)), parts):
         for start, stop in bounds:
-            refinement.smooth_rows(truth + np.float32(0.1), 2, start, stop, out[0])
-            refinement.fit_rows(images[0], images[1], images[1], truth, truth, 2, start, stop, out[1])
+            refinement.smooth_rows(px + np.float32(0.1), columns, 2, start, stop, out[0])
+            refinement.fit_rows(left, right, right, px, px, columns, 2, start, stop, out[1])
+    assert np.isfinite(whole[:, :, 2 : 2 + columns]).all()
     np.testing.assert_array_equal(whole, parts)
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from modules.matching.aggregation import Problem, Selection, aggregate, strips_per_half
+from modules.matching.aggregation import Problem, Selection, Storage, aggregate, plan_storage
 from modules.matching.check_left_right import CheckLeftRightParams, check_left_right
 from modules.matching.features import Features, census_bits, census_offsets, compute_features, slope_values
 from modules.matching.kernels import cost as kernels
@@ -78,19 +78,28 @@ def small_problem(
 ) -> Problem:
     rng = np.random.default_rng(seed)
     left, right = rng.integers(0, 256, (2, rows, columns)).astype(np.uint8)
-    found = compute_features(left, right, low, max(searched, 32), "hybrid", "5x5")
+    found = compute_features(left, right, low, searched, "hybrid", "5x5")
     p2 = np.maximum(150 / (1 + 0.05 * np.arange(256)), 20).astype(np.uint8)
     return Problem(
         found.left, found.right, found.before, low, searched, 1, 31, radius, 1.1, 90, left, 20, p2, diagonals, 1
     )
 
 
-def volume(problem: Problem) -> NDArray[np.int64]:
-    rows, columns = problem.gray.shape
-    out = np.zeros((rows, columns * problem.count), np.uint8)
+def stored_cost(problem: Problem, start: int, stop: int) -> NDArray[np.uint8]:
+    """Return the cost of some rows as it is stored (h, W, D), with what pads it to whole vectors."""
     p = problem
-    kernels.cost_rows(p.left, p.right, p.before, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, 0, rows, out)
-    return out.reshape(rows, columns, p.count)[:, :, : p.searched].astype(np.int64)
+    columns = p.gray.shape[1]
+    out = np.zeros((stop - start, columns * p.count), np.uint8)
+    kernels.cost_rows(
+        p.left, p.right, p.before, p.searched, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, start, stop, out
+    )
+    return out.reshape(stop - start, columns, p.count)
+
+
+def volume(problem: Problem) -> NDArray[np.int64]:
+    found = stored_cost(problem, 0, problem.gray.shape[0])
+    assert (found[:, :, problem.searched :] == kernels.PADDING).all()
+    return found[:, :, : problem.searched].astype(np.int64)
 
 
 def same(one: Selection, other: Selection) -> bool:
@@ -117,7 +126,7 @@ def test_the_choice_equals_that_of_a_plain_implementation(
 ) -> None:
     problem = small_problem(seed, rows, columns, searched, low, diagonals)
     total = plain_total(volume(problem), problem)
-    found = aggregate(problem, 1, None)
+    found = aggregate(problem, Storage(), None)
     index = total.argmin(axis=2)
     np.testing.assert_array_equal(np.rint(found.disparity - 1e-6 * np.sign(found.disparity - low - index)), low + index)
     best = total.min(axis=2)
@@ -151,20 +160,18 @@ def test_the_cost_equals_a_plain_implementation(searched: int, low: int, radius:
 
 def test_a_part_of_the_rows_costs_the_same_as_all_of_them() -> None:
     p = small_problem(6, 20, 12, 32)
-    part = np.zeros((7, 12 * 32), np.uint8)
-    kernels.cost_rows(p.left, p.right, p.before, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, 6, 13, part)
-    np.testing.assert_array_equal(part.reshape(7, 12, 32), volume(p)[6:13])
+    np.testing.assert_array_equal(stored_cost(p, 6, 13), volume(p)[6:13])
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 37, 90])
-def test_strips_and_threads_change_nothing(rows: int) -> None:
+def test_storage_and_threads_change_nothing(rows: int) -> None:
     problem = small_problem(8, rows, 50, 40)
-    whole = aggregate(problem, 1, None)
+    whole = aggregate(problem, Storage(), None)
     with ThreadPoolExecutor(2) as pool:
-        assert same(aggregate(problem, 1, pool), whole)
-        for strips in (2, 3, max(rows // 2, 1)):
-            assert same(aggregate(problem, strips, pool), whole)
-            assert same(aggregate(problem, strips, None), whole)
+        assert same(aggregate(problem, Storage(), pool), whole)
+        for storage in (Storage(costs=True), *(Storage(strips) for strips in (2, 3, max(rows // 2, 1)))):
+            assert same(aggregate(problem, storage, pool), whole)
+            assert same(aggregate(problem, storage, None), whole)
 
 
 def random_pair(rows: int = 80, columns: int = 120, disparity: int = 5) -> Views:
@@ -176,9 +183,10 @@ def test_the_product_depends_neither_on_threads_nor_on_memory() -> None:
     views = random_pair(rows=240, columns=300)
     search = DisparityRange(-20, 80)
     whole = match_gray(views.left, views.right, search, SemiGlobalMatchParams())
-    assert strips_per_half((240, 300), 100, 512, "matching") == 1
-    assert strips_per_half((240, 300), 100, 6, "matching") > 1
-    for threads, memory_mb in ((1, 512), (1, 6), (2, 6)):
+    assert plan_storage((240, 300), 100, 400, "matching") == Storage(costs=True)
+    assert plan_storage((240, 300), 100, 14, "matching") == Storage()
+    assert plan_storage((240, 300), 100, 8, "matching").strips > 1
+    for threads, memory_mb in ((1, 400), (1, 14), (2, 14), (1, 8), (2, 8)):
         params = SemiGlobalMatchParams(threads=threads, max_memory_mb=memory_mb)
         assert same(match_gray(views.left, views.right, search, params), whole)
 
@@ -270,5 +278,5 @@ def test_too_little_memory_is_refused_before_any_is_taken() -> None:
         "500; raise it, narrow the range or reduce the images"
     )
     with pytest.raises(OperatorError) as caught:
-        strips_per_half((30000, 40000), 128, 500, "matching.semi_global_match")
+        plan_storage((30000, 40000), 128, 500, "matching.semi_global_match")
     assert str(caught.value) == words
