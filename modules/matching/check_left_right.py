@@ -72,18 +72,20 @@ def continues_surface(disparity: FloatImage, confirmed: Mask, asked: Mask) -> Ma
     bool (H, W)
         True where at least `SURFACE_SHARE` of the window around a pixel is confirmed and within `SURFACE_PX` of it.
     """
-    row, column = np.nonzero(asked)
-    value = disparity[row, column]
+    at = np.flatnonzero(asked)
+    value = disparity.ravel()[at]
     wide = np.pad(np.where(confirmed, disparity, np.float32(np.nan)), SURFACE_RADIUS, constant_values=np.nan)
     side = 2 * SURFACE_RADIUS + 1
-    count = np.zeros(len(row), np.int64)
+    corner = at + at // disparity.shape[1] * (2 * SURFACE_RADIUS)  # of the window, in the padded image
+    count = np.zeros(len(at), np.uint8)
     with np.errstate(invalid="ignore"):
         for dy in range(side):
             for dx in range(side):
-                count += np.abs(wide[row + dy, column + dx] - value) <= SURFACE_PX
-    found = np.zeros_like(asked)
-    found[row, column] = count >= SURFACE_SHARE * side**2
-    return found
+                neighbour = wide.ravel().take(corner + (dy * wide.shape[1] + dx))
+                count += np.abs(neighbour - value) <= SURFACE_PX
+    found = np.zeros(asked.size, bool)
+    found[at] = count >= SURFACE_SHARE * side**2
+    return found.reshape(asked.shape)
 
 
 def check_left_right(state: Matching, params: CheckLeftRightParams) -> Matching:
