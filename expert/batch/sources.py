@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 
 from expert.batch.item import BatchItem, Stated
@@ -25,6 +26,11 @@ CALIBRATIONS = (
     "calib_cam_to_cam/{number}.txt",  # KITTI 2015: one for each frame
     "calib_cam_to_cam.txt",  # KITTI raw data: one for each day
 )
+BOTH = (  # names of two files of one calibration, beside the left and beside the right images or above them
+    ("sensor.yaml", "sensor.yaml"),  # EuRoC
+    ("left.yaml", "right.yaml"),  # ROS
+    ("intrinsics.yml", "extrinsics.yml"),  # OpenCV
+)
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -37,7 +43,8 @@ def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[Ba
         A manifest (`.csv`, `.jsonl`), or a folder: pairs are files whose paths differ only in the name of the camera
         (left and right, cam0 and cam1, im0 and im1, image_2 and image_3, image_0 and image_1), in the file or in a
         folder above it. That covers KITTI, EuRoC and Middlebury. A `calib.txt`, `calib.yaml`, `calibration.yaml` or
-        `calib_cam_to_cam.txt` beside the images, or in a folder above them within the source, is theirs.
+        `calib_cam_to_cam.txt` beside the images, or in a folder above them within the source, is theirs; so are two
+        files: `left.yaml` and `right.yaml`, `intrinsics.yml` and `extrinsics.yml`, or the `sensor.yaml` of each camera.
     pattern : (str, str), optional
         Two patterns of paths below the folder with one `*` each, for other names.
 
@@ -115,20 +122,24 @@ def _by_pattern(source: Path, files: list[str], pattern: tuple[str, str]) -> dic
 
 
 def _item(source: Path, name: str, left: str, right: str) -> BatchItem:
-    home = (source / left).parent
-    folders = [home, *(folder for folder in home.parents if folder == source or source in folder.parents)]
-    number = Path(left).stem.split("_")[0]
-    calibration = next(
-        (
-            path
-            for folder in folders
-            for name in CALIBRATIONS
-            if (path := folder / name.format(number=number)).is_file()
-        ),
-        None,
-    )
     shown = name.encode("utf-8", "backslashreplace").decode()  # names of files need not be UTF-8
-    return BatchItem(shown, source / left, source / right, Stated(() if calibration is None else (calibration,)))
+    return BatchItem(shown, source / left, source / right, Stated(_calibration(source, Path(left), Path(right))))
+
+
+def _calibration(source: Path, left: Path, right: Path) -> tuple[Path, ...]:
+    """Return the calibration nearest to a pair: beside its images, or above them within the source; none is ()."""
+    number = left.stem.split("_")[0]
+    for of_left, of_right in zip_longest(left.parents, right.parents, fillvalue=Path()):
+        here, there = source / of_left, source / of_right
+        for name in CALIBRATIONS:
+            path = here / name.format(number=number)
+            if path.is_file():
+                return (path,)
+        for names in BOTH:
+            first, second = here / names[0], there / names[1]
+            if first != second and first.is_file() and second.is_file():
+                return (first, second)
+    return ()
 
 
 def timed(items: Sequence[BatchItem], unit: str | None = None) -> tuple[BatchItem, ...]:

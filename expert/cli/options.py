@@ -28,8 +28,8 @@ CalibrationOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--calibration",
-        help="terrex YAML, OpenCV, ROS, Kalibr, KITTI or Middlebury; raw images are rectified. Give it twice for the "
-        "two files of OpenCV (intrinsics, extrinsics) or ROS (left, right)",
+        help="terrex YAML, OpenCV, ROS, Kalibr, EuRoC, KITTI or Middlebury; raw images are rectified. Give it twice "
+        "for the two files of OpenCV (intrinsics, extrinsics), ROS or EuRoC (left, right)",
     ),
 ]
 RectifiedOption = Annotated[

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from modules.formats._text import numbers
 from modules.formats.calibration.file import CalibrationFile
+from modules.formats.calibration.projections import rigid
 from modules.formats.errors import FormatError
-from modules.primitives.frames import nearest_rotation, rotation_problem
 from modules.types import Camera, Mount, StereoRig
 
 
@@ -80,9 +80,4 @@ def _transform(source: str, name: str, value: object) -> NDArray[np.float64]:
     if not isinstance(value, list) or len(value) not in (3, 4):
         raise FormatError(f"{source}: {name} is {value!r} and must be 4 rows of 4 numbers")
     rows = [numbers(source, f"{name}[{index}]", row, 4) for index, row in enumerate(value[:3])]
-    transform = np.vstack([np.array(rows), [0.0, 0.0, 0.0, 1.0]])
-    problem = rotation_problem(transform[:3, :3])
-    if problem:
-        raise FormatError(f"{source}: the rotation of {name}: {problem}")
-    transform[:3, :3] = nearest_rotation(transform[:3, :3])
-    return transform
+    return rigid(source, name, np.array(rows))

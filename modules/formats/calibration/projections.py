@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.formats.errors import FormatError
-from modules.primitives.frames import nearest_rotation
+from modules.primitives.frames import nearest_rotation, rotation_problem
 from modules.types import Calibration, Camera, Rectification, StereoRig
 
 Matrix = NDArray[np.float64]
@@ -77,6 +77,16 @@ def shape_3x3(source: str, name: str, matrix: Matrix) -> Matrix:
     if matrix.size != 9:
         raise FormatError(f"{source}: {name} has {matrix.size} numbers and must have 9, 3 rows of 3")
     return matrix.reshape(3, 3)
+
+
+def rigid(source: str, name: str, rows: Matrix) -> Matrix:
+    """Return the rigid transform (4, 4) of its first three rows, or say why it is none."""
+    problem = rotation_problem(rows[:3, :3])
+    if problem:
+        raise FormatError(f"{source}: the rotation of {name}: {problem}")
+    transform = np.vstack([rows[:3], [0.0, 0.0, 0.0, 1.0]])
+    transform[:3, :3] = nearest_rotation(transform[:3, :3])
+    return transform
 
 
 def camera_of(

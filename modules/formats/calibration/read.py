@@ -11,6 +11,8 @@ from typing import Literal, TypeAlias
 import yaml
 
 from modules.formats._text import as_mapping, parse_yaml, read_text, write_text
+from modules.formats.calibration.euroc import KEY as EUROC_KEY
+from modules.formats.calibration.euroc import read_euroc
 from modules.formats.calibration.file import CalibrationFile
 from modules.formats.calibration.kalibr import read_kalibr
 from modules.formats.calibration.kitti import LINE as KITTI_LINE
@@ -27,8 +29,8 @@ MIDDLEBURY = re.compile(r"^\s*cam0\s*=", re.MULTILINE)
 ROS_KEYS = ("camera_matrix", "projection_matrix")
 KNOWN = (
     "terrex YAML (focal_px, ... or left, right, right_from_left), OpenCV stereo_calib (M1, D1, M2, D2, R, T), "
-    "ROS camera_info (camera_matrix, projection_matrix), Kalibr camchain (cam0, cam1), KITTI (P0, P1) and "
-    "Middlebury (cam0=, baseline=)"
+    "ROS camera_info (camera_matrix, projection_matrix), Kalibr camchain (cam0, cam1), EuRoC sensor.yaml (T_BS), "
+    "KITTI (P0, P1) and Middlebury (cam0=, baseline=)"
 )
 SAME_ASPECT = 0.01
 
@@ -42,7 +44,8 @@ def read_calibration(paths: CalibrationSource, image_shape: tuple[int, ...] | No
     ----------
     paths : path or sequence of paths
         One file: terrex YAML, OpenCV YAML or XML, Kalibr camchain, KITTI `calib.txt`, Middlebury `calib.txt`. Two:
-        OpenCV intrinsics and extrinsics, or ROS `camera_info` of the left and the right camera, in this order.
+        OpenCV intrinsics and extrinsics, or ROS `camera_info` or EuRoC `sensor.yaml` of the left and the right camera,
+        in this order.
     image_shape : tuple of int, optional
         Shape of the images, needed by formats that do not hold their size (OpenCV, KITTI).
 
@@ -64,16 +67,17 @@ def read_calibration(paths: CalibrationSource, image_shape: tuple[int, ...] | No
     kinds = {_kind(text) for _, text in files}
     if kinds == {"opencv"}:
         return checked(source, read_opencv(files, image_shape), unit_stated=False)
-    mappings = [_mapping(name, text) for name, text in files] if kinds == {"yaml"} else []
-    if mappings and all(any(key in mapping for key in ROS_KEYS) for mapping in mappings):
-        pairs = [(name, mapping) for (name, _), mapping in zip(files, mappings, strict=True)]
-        return checked(source, read_ros(pairs), unit_stated=False)
+    mappings = [(name, _mapping(name, text)) for name, text in files] if kinds == {"yaml"} else []
+    if mappings and all(any(key in mapping for key in ROS_KEYS) for _, mapping in mappings):
+        return checked(source, read_ros(mappings), unit_stated=False)
+    if mappings and all(EUROC_KEY in mapping for _, mapping in mappings):
+        return checked(source, read_euroc(mappings), unit_stated=False)
     if len(files) > 1:
         raise FormatError(
-            f"{source} are not two files of one calibration; two are taken for OpenCV (intrinsics and extrinsics) "
-            "and for ROS camera_info (left and right)"
+            f"{source} are not two files of one calibration; two are taken for OpenCV (intrinsics and extrinsics), "
+            "for ROS camera_info and for EuRoC sensor.yaml (left and right)"
         )
-    return _read_one(source, files[0][1], mappings, image_shape)
+    return _read_one(source, files[0][1], [mapping for _, mapping in mappings], image_shape)
 
 
 def _read_one(

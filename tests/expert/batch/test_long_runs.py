@@ -90,6 +90,30 @@ def test_every_pair_of_a_manifest_may_have_a_camera_of_its_own(tmp_path: Path, s
     assert [fact(outcome.decision, "rig")["focal_px"] for outcome in found] == [200.0, 300.0]
 
 
+SENSOR = """T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, {x}, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+resolution: [190, 120]
+camera_model: pinhole
+intrinsics: [200.0, 200.0, 95.0, 60.0]
+distortion_model: radial-tangential
+distortion_coefficients: [-0.1, 0.01, 0.0, 0.0]
+"""
+
+
+def test_a_euroc_sequence_is_rectified_by_the_files_of_its_sensors(tmp_path: Path, system: ExpertSystem) -> None:
+    write_pair(tmp_path, "a", seed=1)
+    for side, camera, x_m in (("left", "cam0", 0.0), ("right", "cam1", 0.11)):
+        (tmp_path / f"seq/mav0/{camera}/data").mkdir(parents=True)
+        (tmp_path / f"{side}_a.png").rename(tmp_path / f"seq/mav0/{camera}/data/1403636579763555584.png")
+        (tmp_path / f"seq/mav0/{camera}/sensor.yaml").write_text(SENSOR.format(x=x_m))
+    (one,) = find_pairs(tmp_path / "seq")
+    outcome = process(system, FAST.complete(one), tmp_path / "out", FAST)
+    rig = fact(outcome.decision, "rig")
+    assert (rig["rectified_here"], rig["baseline_m"]) == (True, 0.11)
+
+
 def imu_log(folder: Path) -> Path:
     path = folder / "imu.csv"
     path.write_text("time_s,roll_deg,pitch_deg,yaw_deg\n" + "".join(f"{t / 10},{t},{-t},0\n" for t in range(11)))

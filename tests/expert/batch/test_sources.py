@@ -162,6 +162,26 @@ def test_the_calibrations_of_kitti_are_found_by_frame_and_by_day(tmp_path: Path)
     assert found == frames | {f"day/00000{i}": (tmp_path / "day/calib_cam_to_cam.txt",) for i in (0, 1)}
 
 
+@pytest.mark.parametrize(
+    ("sides", "files"),
+    [
+        (("mav0/cam0/data", "mav0/cam1/data"), ("mav0/cam0/sensor.yaml", "mav0/cam1/sensor.yaml")),
+        (("day/left", "day/right"), ("day/left.yaml", "day/right.yaml")),
+        (("image_0", "image_1"), ("intrinsics.yml", "extrinsics.yml")),
+    ],
+)
+def test_the_two_files_of_a_calibration_are_found(
+    sides: tuple[str, str], files: tuple[str, str], tmp_path: Path
+) -> None:
+    touch(tmp_path, *(f"{side}/140.png" for side in sides), files[0])
+    assert [item.stated.calibration for item in find_pairs(tmp_path)] == [()]
+    touch(tmp_path, files[1])
+    both = tuple(tmp_path / name for name in files)
+    assert [item.stated.calibration for item in find_pairs(tmp_path)] == [both]
+    touch(tmp_path, f"{sides[0]}/calib.txt")
+    assert [item.stated.calibration for item in find_pairs(tmp_path)] == [(tmp_path / sides[0] / "calib.txt",)]
+
+
 def test_two_files_of_one_calibration_and_a_log_with_a_time_are_read(tmp_path: Path) -> None:
     touch(tmp_path, "l.png", "r.png", "in.yml", "ex.yml", "imu.csv")
     (tmp_path / "m.csv").write_text(
