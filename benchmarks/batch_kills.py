@@ -18,6 +18,8 @@ from expert.batch.runlog import NAME
 from expert.decision import Decision
 
 POLL_S = 0.01
+START_S = 3.0  # imports, the log, the workers and their systems: what a run does before its first result
+PAIR_S = 0.2  # about a pair, so that a kill falls anywhere within one
 
 
 def kills(work: Path, count: int, wanted: int, seed: int) -> None:
@@ -31,13 +33,15 @@ def kills(work: Path, count: int, wanted: int, seed: int) -> None:
     done = 0
     while done < wanted:
         # As many results as are left are spread over the kills that are left, so that the last one finds work, too.
-        aim = logged(out) + draw.uniform(0.0, 1.2) * (count - 1 - logged(out)) / (wanted - done)
-        if not _killed(source, out, aim, draw):
+        more = int(draw.uniform(0.0, 1.2) * (count - logged(out)) / (wanted - done + 1))
+        if not _killed(source, out, more, draw):
             break
         done += 1
     left = count - logged(out)
     _finish(source, out)
     problems = [*_problems(out, count), *_differences(out, calm)]
+    if done < wanted:
+        problems.append(f"the run ended before kill {done + 1} of {wanted}; give more pairs with --kill-pairs")
     print(
         f"{count} pairs, {done} kills (the last with {left} pairs left): "
         + ("nothing lost, nothing twice, no corrupt file, same decisions and products" if not problems else "")
@@ -58,17 +62,18 @@ def _finish(source: Path, out: Path) -> None:
     subprocess.run(_command(source, out), check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def _killed(source: Path, out: Path, aim: float, draw: random.Random) -> bool:
-    """Start a run and kill it when it has about `aim` results; False where it ended by itself.
+def _killed(source: Path, out: Path, more: int, draw: random.Random) -> bool:
+    """Start a run and kill it when it has `more` results, while it starts where that is 0; False where it ended.
 
     Either the whole process group is killed, as by a power cut, or the parent alone, which leaves orphans.
     """
     run = subprocess.Popen(
         _command(source, out), start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
-    while logged(out) < int(aim) and run.poll() is None:
+    aim = logged(out) + more
+    while logged(out) < aim and run.poll() is None:
         time.sleep(POLL_S)
-    time.sleep(draw.uniform(0.0, 0.5))
+    time.sleep(draw.uniform(0.0, PAIR_S if more else START_S))
     if run.poll() is not None:
         return False
     if draw.random() < 0.5:
