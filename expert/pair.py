@@ -281,6 +281,32 @@ class StereoPair:
             preparation=replace(self.preparation, rectified_here=True),
         )
 
+    def without_masked(self, path: str | Path) -> StereoPair:
+        """Return the pair without the black pixels of a mask, in which the robot sees itself, say.
+
+        Parameters
+        ----------
+        path : path
+            Image as large as the rectified left one.
+
+        Raises
+        ------
+        modules.formats.FormatError
+            The mask cannot be read.
+        PairError
+            It is of another size, or black everywhere.
+        """
+        image = read_image(Path(path))
+        if image.shape[:2] != self.left.shape[:2]:
+            raise PairError(
+                f"{path} is {image.shape[1]}x{image.shape[0]} and the left image is "
+                f"{self.left.shape[1]}x{self.left.shape[0]}; make the mask on the rectified left image"
+            )
+        usable = np.asarray(image > 0 if image.ndim == 2 else (image > 0).any(axis=2), bool)
+        if not usable.any():
+            raise PairError(f"{path} is black everywhere, so no pixel is left; paint white what may be used")
+        return replace(self, left_mask=usable if self.left_mask is None else usable & self.left_mask)
+
     @property
     def valid_fraction(self) -> float:
         """Part of the pixels that may be used, the smaller of the two images."""

@@ -34,6 +34,10 @@ class Stated:
         How the calibration is used; see `StereoPair.load`.
     convention : {"rep103", "aerospace"}
         Of angles and log.
+    mask : Path or None
+        Image that is black where the robot itself is seen; see `StereoPair.without_masked`.
+    datum_deg : (latitude, longitude) or None
+        Where the origin lies; see `Result.save`.
     """
 
     calibration: tuple[Path, ...] = ()
@@ -46,6 +50,8 @@ class Stated:
     scale_calibration: bool = False
     alpha: float | None = None
     convention: Convention = "rep103"
+    mask: Path | None = None
+    datum_deg: tuple[float, float] | None = None
 
     def over(self, common: Stated) -> Stated:
         """Return it with what is common where it says nothing; of the ways to state an attitude it keeps its own."""
@@ -58,6 +64,8 @@ class Stated:
             imu=self.imu if levelled else common.imu,
             time_s=self.time_s,
             disparity_range_px=self.disparity_range_px or common.disparity_range_px,
+            mask=self.mask or common.mask,
+            datum_deg=self.datum_deg or common.datum_deg,
         )
 
 
@@ -82,26 +90,27 @@ class BatchItem:
     def files(self) -> tuple[Path, ...]:
         """All files that the pair is read from."""
         stated = self.stated
-        return (self.left, self.right, *stated.calibration, *_some(stated.attitude), *_some(stated.imu))
+        others = (stated.attitude, stated.imu, stated.mask)
+        return (self.left, self.right, *stated.calibration, *(path for path in others if path is not None))
 
     @property
     def facts(self) -> tuple[object, ...]:
         """What is stated beside the files, and which part each file plays."""
         own = self.stated
-        parts = (len(own.calibration), own.attitude is not None, own.imu is not None)
+        parts = (len(own.calibration), own.attitude is not None, own.imu is not None, own.mask is not None)
         reading = (own.rectified, own.scale_calibration, own.alpha, own.convention)
-        return (own.angles_deg, own.time_s, own.disparity_range_px, *parts, *reading)
+        return (own.angles_deg, own.time_s, own.disparity_range_px, own.datum_deg, *parts, *reading)
 
     def moved(self, files: Sequence[Path]) -> BatchItem:
         """Return it with its `files` at other places, given in the same order."""
-        left, right, *rest = files
-        count = len(self.stated.calibration)
-        attitude, imu = self.stated.attitude, self.stated.imu
+        own, places = self.stated, iter(files)
+        left, right = next(places), next(places)
         stated = replace(
-            self.stated,
-            calibration=tuple(rest[:count]),
-            attitude=None if attitude is None else rest[count],
-            imu=None if imu is None else rest[-1],
+            own,
+            calibration=tuple(next(places) for _ in own.calibration),
+            attitude=None if own.attitude is None else next(places),
+            imu=None if own.imu is None else next(places),
+            mask=None if own.mask is None else next(places),
         )
         return BatchItem(self.name, left, right, stated)
 
@@ -115,7 +124,3 @@ class BatchItem:
             digest = hashlib.sha256(self.name.encode("utf-8", "surrogateescape")).hexdigest()[:12]
             text = f"{text[: LONGEST_NAME - 13]}~{digest}"
         return text
-
-
-def _some(path: Path | None) -> tuple[Path, ...]:
-    return () if path is None else (path,)

@@ -10,12 +10,14 @@ from pathlib import Path
 
 from expert.batch.item import BatchItem, Stated
 from modules.formats.errors import FormatError
+from modules.types import Datum
 
 REQUIRED = ("left", "right")
 ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 RANGE = ("min_disparity_px", "max_disparity_px")
-FILES = (*REQUIRED, "calibration", "calibration_2", "attitude", "imu")
-COLUMNS = ("name", *FILES, "time_s", *ANGLES, *RANGE)
+PLACE = ("latitude_deg", "longitude_deg")
+FILES = (*REQUIRED, "calibration", "calibration_2", "attitude", "imu", "mask")
+COLUMNS = ("name", *FILES, "time_s", *ANGLES, *RANGE, *PLACE)
 Line = tuple[int, Mapping[str, object]]
 
 
@@ -31,7 +33,8 @@ def read_manifest(path: Path) -> list[BatchItem]:
     path : Path
         `.csv` with a header, or `.jsonl`. Columns: `left`, `right` (paths, relative to the manifest), and optionally
         `name`, `calibration`, `calibration_2` (the other file of two that belong together), `attitude`, `imu` (paths),
-        `time_s`, `roll_deg`, `pitch_deg`, `yaw_deg`, `min_disparity_px`, `max_disparity_px`. Empty values are absent.
+        `mask` (path), `time_s`, `roll_deg`, `pitch_deg`, `yaw_deg`, `min_disparity_px`, `max_disparity_px`,
+        `latitude_deg`, `longitude_deg`. Empty values are absent.
 
     Raises
     ------
@@ -152,7 +155,23 @@ def _stated(paths: Mapping[str, Path], values: Mapping[str, object], problems: l
         paths.get("imu"),
         time_s,
         (known[0], known[1]) if len(known) == 2 else None,
+        mask=paths.get("mask"),
+        datum_deg=_place(values, problems),
     )
+
+
+def _place(values: Mapping[str, object], problems: list[str]) -> tuple[float, float] | None:
+    """Return latitude and longitude of the origin, where both are given and a place."""
+    found = [_number(values, name, problems) for name in PLACE]
+    if (PLACE[0] in values) != (PLACE[1] in values):
+        problems.append("half of a place is given; give latitude_deg and longitude_deg")
+    if found[0] is None or found[1] is None:
+        return None
+    try:
+        Datum(found[0], found[1])
+    except ValueError as error:
+        problems.append(str(error))
+    return found[0], found[1]
 
 
 def _number(values: Mapping[str, object], name: str, problems: list[str]) -> float | None:

@@ -8,7 +8,7 @@ import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from expert.batch.item import BatchItem
 from expert.batch.local import Limits, run_here
 from expert.batch.runlog import NAME, Latest, LogFull, RunLog
 from expert.batch.work import PROCESSED, Outcome, Settings, inputs_digest, settings_digest, stamp, unprocessed
+from expert.costs import measure_speed
 from expert.versions import versions
 from modules.formats.atomic import MARK
 from modules.formats.errors import FormatError
@@ -25,6 +26,7 @@ Resume = Literal["ask", "redo", "keep"]
 PAIRS = "pairs"  # folder of the products
 CHANGED = "processed otherwise"
 LOCK = "lock.sqlite"
+SPEED = "machine speed"
 
 
 class ChangedSettings(Exception):
@@ -42,8 +44,8 @@ class Plan:
     done : int
         Items that need nothing.
     changes : tuple of str
-        What is other than it was for the items that were processed with other rules, versions, profile, rover or
-        products.
+        What is other than it was for the items that were processed with other rules, versions, profile, rover, budgets
+        or products.
     """
 
     todo: tuple[tuple[BatchItem, str], ...]
@@ -81,10 +83,10 @@ class Batch:
 
     def __init__(self, items: Sequence[BatchItem], out: Path, settings: Settings, source: str = "") -> None:
         self.items = tuple(settings.complete(item) for item in items)
-        self.out, self.settings, self.source = out, settings, source
         _check_out(out)
+        self.out, self.settings, self.source = out, _at_one_speed(settings, out / NAME), source
         self.versions = versions()
-        self.record = settings.record(settings.system().rules_digest)
+        self.record = self.settings.record(self.settings.system().rules_digest)
         self.digest = settings_digest(self.record, self.versions)
 
     def folder(self, item: BatchItem) -> Path:
@@ -97,7 +99,7 @@ class Batch:
         Parameters
         ----------
         resume : {"ask", "redo", "keep"}
-            What to do with pairs that were processed with other rules, versions, profile, rover or products.
+            What to do with pairs that were processed with other rules, versions, profile, rover, budgets or products.
         retry : bool
             Whether to try again the pairs that could not be processed.
 
@@ -193,7 +195,8 @@ class Batch:
         progress: Callable[[Progress, Outcome], None],
     ) -> Progress:
         self._clean()
-        told = {**self.record, "engine": self.settings.engine, "rule files": self.settings.rules}
+        own = self.settings
+        told = {**self.record, "engine": own.engine, "rule files": own.rules, SPEED: own.machine_speed}
         run = log.begin(self.source, told, self.digest, self.versions)
         state = Progress(len(plan.todo))
         items = ((item, self.folder(item)) for item, _ in plan.todo)
@@ -231,6 +234,15 @@ class Batch:
         for path in (self.out / PAIRS).glob(".*"):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
+
+
+def _at_one_speed(settings: Settings, log: Path) -> Settings:
+    """Return settings that state the speed of the machine, where costs are predicted: as a run before stated it."""
+    if settings.time_budget_s is None or settings.machine_speed is not None:
+        return settings
+    before = RunLog(log).settings() if log.is_file() else []
+    speeds = [told[SPEED] for told in before if isinstance(told.get(SPEED), float)]
+    return replace(settings, machine_speed=float(str(speeds[-1])) if speeds else measure_speed())
 
 
 def _check_out(out: Path) -> None:

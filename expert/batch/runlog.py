@@ -157,6 +157,11 @@ class RunLog:
             )
             return {str(pair): Latest(*rest) for pair, *rest in found}
 
+    def settings(self) -> list[dict[str, object]]:
+        """Return the settings of all runs, the first one first."""
+        with self._open() as base:
+            return [json.loads(text) for (text,) in base.execute("SELECT settings FROM runs ORDER BY run")]
+
     def record(self, run: int) -> tuple[dict[str, object], dict[str, str]]:
         """Return the settings and the versions of a run."""
         with self._open() as base:

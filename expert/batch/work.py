@@ -22,7 +22,7 @@ from expert.products import DEFAULT_PRODUCTS
 from modules.formats import FormatError, attitude_from_degrees, read_imu_log
 from modules.formats.imu import ImuLog
 from modules.primitives.frames import Convention
-from modules.types import Attitude, Rover
+from modules.types import Attitude, Datum, Rover
 
 # The last four mean that the pair was not processed to an end; the first three are what a decision says.
 OutcomeStatus = Literal["reconstructed", "disparity_only", "failed", "unreadable", "error", "timeout", "crashed"]
@@ -40,6 +40,10 @@ class Settings:
     profile, engine : str
     rover : Rover or None
         The vehicle that shall drive on the terrain.
+    time_budget_s, memory_budget_mb : float or None
+        For one pair; see `ExpertSystem`.
+    machine_speed : float or None
+        That the time budget is kept by, the same for all workers; `Batch` takes what the log has, or measures it.
     products : tuple of str
         See `Result.save`.
     html : bool
@@ -52,13 +56,24 @@ class Settings:
     profile: Profile = "balanced"
     engine: EngineName = "experta"
     rover: Rover | None = None
+    time_budget_s: float | None = None
+    memory_budget_mb: float | None = None
+    machine_speed: float | None = None
     products: tuple[str, ...] = DEFAULT_PRODUCTS
     html: bool = True
     common: Stated = field(default_factory=Stated)
 
     def system(self) -> ExpertSystem:
         """Return the expert system; building it takes about as long as a pair."""
-        return ExpertSystem(rules=self.rules, profile=self.profile, engine=self.engine, rover=self.rover)
+        return ExpertSystem(
+            self.rules,
+            self.profile,
+            self.engine,
+            time_budget_s=self.time_budget_s,
+            memory_budget_mb=self.memory_budget_mb,
+            machine_speed=self.machine_speed,
+            rover=self.rover,
+        )
 
     def complete(self, item: BatchItem) -> BatchItem:
         """Return the item with what is stated for all."""
@@ -66,11 +81,14 @@ class Settings:
 
     def record(self, rules_digest: str) -> dict[str, object]:
         """Return what of it decisions and products hang on, by words that messages can use."""
+        time_s, memory_mb = self.time_budget_s, self.memory_budget_mb
         rover = "none" if self.rover is None else ", ".join(f"{k} {v:g}" for k, v in asdict(self.rover).items())
         return {
             "rules": rules_digest[:12],
             "profile": self.profile,
             "rover": rover,
+            "time budget": "none" if time_s is None else f"{time_s:g} s at speed {self.machine_speed}",
+            "memory budget": "none" if memory_mb is None else f"{memory_mb:g} MB",
             "products": ",".join(sorted(self.products)),
         }
 
@@ -165,7 +183,8 @@ def process(system: ExpertSystem, item: BatchItem, out: Path, settings: Settings
         return ended("unreadable", str(error))
     try:
         result = system.reconstruct(pair)
-        result.save(out, html=settings.html, products=settings.products)
+        datum = None if item.stated.datum_deg is None else Datum(*item.stated.datum_deg)
+        result.save(out, html=settings.html, products=settings.products, datum=datum)
     except FormatError as error:
         return ended("error", str(error))
     except OSError as error:
@@ -193,7 +212,7 @@ def process(system: ExpertSystem, item: BatchItem, out: Path, settings: Settings
 
 def _load(item: BatchItem) -> StereoPair:
     own = item.stated
-    return StereoPair.load(
+    pair = StereoPair.load(
         item.left,
         item.right,
         calibration=own.calibration or None,
@@ -203,6 +222,7 @@ def _load(item: BatchItem) -> StereoPair:
         alpha=own.alpha,
         scale_calibration=own.scale_calibration,
     )
+    return pair if own.mask is None else pair.without_masked(own.mask)
 
 
 def _attitude(own: Stated) -> Attitude | Path | None:

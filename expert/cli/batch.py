@@ -13,12 +13,20 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from expert.cli.options import AttitudeOptions, CameraOptions, RangeOption, SystemOptions, expanded
-from expert.cli.terrain_options import ProductsOption, RoverOption
+from expert.cli.options import (
+    AttitudeOptions,
+    BudgetOptions,
+    CameraOptions,
+    RangeOption,
+    SystemOptions,
+    expanded,
+)
+from expert.cli.terrain_options import DatumOption, MaskOption, ProductsOption, RoverOption
 from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
     from expert.batch import BatchItem, Limits, Outcome, Plan, Progress, Stated
+    from modules.types import Datum
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
@@ -98,6 +106,7 @@ def batch(
     chosen: ChoiceOptions,
     at: LimitOptions,
     system: SystemOptions,
+    budgets: BudgetOptions,
     cameras: CameraOptions,
     level: AttitudeOptions,
     time_in_name: Annotated[
@@ -113,13 +122,15 @@ def batch(
     html: Annotated[bool, typer.Option(help="Write a report.html for every pair")] = True,
     products: ProductsOption = None,
     rover: RoverOption = None,
+    datum: DatumOption = None,
+    mask: MaskOption = None,
 ) -> None:
     """Reconstruct many pairs; an interrupted batch goes on where it was.
 
-    What is said of calibration, attitude and range holds for the pairs that state nothing else.
+    What is said of calibration, attitude, range, datum and mask holds for the pairs that state nothing else.
     """
     from expert.batch import Batch, ChangedSettings, Settings, timed
-    from expert.cli.terrain_options import stated_products, stated_rover
+    from expert.cli.terrain_options import stated_datum, stated_products, stated_rover
 
     limits, items = at.limits(), chosen.of(source)
     settings = Settings(
@@ -127,9 +138,11 @@ def batch(
         system.profile,
         system.engine,
         stated_rover(rover),
-        stated_products(products),
-        html,
-        _common(cameras, level, disparity_range),
+        budgets.time_budget,
+        budgets.memory_budget,
+        products=stated_products(products),
+        html=html,
+        common=_common(cameras, level, disparity_range, mask, stated_datum(datum)),
     )
     made = Batch(items if level.imu is None else timed(items, time_in_name), out, settings, str(source))
     try:
@@ -146,7 +159,13 @@ def batch(
     _conclude(out, plan, state)
 
 
-def _common(cameras: CameraOptions, level: AttitudeOptions, disparity_range: tuple[int, int] | None) -> Stated:
+def _common(
+    cameras: CameraOptions,
+    level: AttitudeOptions,
+    disparity_range: tuple[int, int] | None,
+    mask: Path | None,
+    datum: Datum | None,
+) -> Stated:
     """Return what the options state for all pairs, by paths that workers elsewhere can use."""
     from expert.batch import Stated
 
@@ -161,6 +180,8 @@ def _common(cameras: CameraOptions, level: AttitudeOptions, disparity_range: tup
         cameras.scale_calibration,
         cameras.alpha,
         level.convention,
+        None if mask is None else mask.resolve(),
+        None if datum is None else (datum.latitude_deg, datum.longitude_deg),
     )
 
 

@@ -48,13 +48,14 @@ def run(
     previous: PreviousOption = None,
 ) -> None:
     """Reconstruct a stereo pair and write the products and the report."""
-    from expert.cli.terrain_options import masked, stated_datum, stated_products, stated_rover
+    from expert.cli.terrain_options import stated_datum, stated_products, stated_rover
     from expert.report import as_summary
     from modules.formats.atomic import check_folder
 
     check_folder(out)
     chosen, place, vehicle = stated_products(products), stated_datum(datum), stated_rover(rover)
-    seen = masked(pair.load(), mask)
+    loaded = pair.load()
+    seen = loaded if mask is None else loaded.without_masked(mask)
     earlier = read_previous(previous)
     expert = system.system(vehicle, budgets)
     with _progress() as progress:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,6 @@ import typer
 from expert.cli.usage import UsageError
 
 if TYPE_CHECKING:
-    from expert.pair import StereoPair
     from modules.types import Datum, Rover
 
 ProductsOption = Annotated[
@@ -39,26 +37,6 @@ MaskOption = Annotated[
     Path | None,
     typer.Option("--mask", help="Image as large as the rectified left one; black where the robot itself is seen"),
 ]
-
-
-def masked(pair: StereoPair, path: Path | None) -> StereoPair:
-    """Return the pair with the black pixels of a mask taken out of its left image."""
-    import numpy as np
-
-    from modules.formats.images import read_image
-
-    if path is None:
-        return pair
-    image = read_image(path)
-    if image.shape[:2] != pair.left.shape[:2]:
-        raise UsageError(
-            f"{path} is {image.shape[1]}x{image.shape[0]} and the left image is "
-            f"{pair.left.shape[1]}x{pair.left.shape[0]}; make the mask on the rectified left image"
-        )
-    usable = np.asarray(image > 0 if image.ndim == 2 else (image > 0).any(axis=2), bool)
-    if not usable.any():
-        raise UsageError(f"{path} is black everywhere, so no pixel is left; paint white what may be used")
-    return replace(pair, left_mask=usable if pair.left_mask is None else usable & pair.left_mask)
 
 
 def stated_products(text: str | None) -> tuple[str, ...]:

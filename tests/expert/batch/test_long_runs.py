@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 
 from expert.api import ExpertSystem
@@ -21,7 +22,8 @@ from expert.batch import Batch, BatchItem, Outcome, RunLog, Settings, Stated, fi
 from expert.batch.runlog import NAME, LogFull
 from expert.batch.work import inputs_digest, pack, process, process_packed
 from expert.decision import Decision
-from modules.formats import FormatError
+from modules.formats import FormatError, read_validity_png, write_image
+from modules.types import Invalid
 from tests.expert.batch.conftest import write_pair
 
 FAST = Settings(profile="fast", engine="compiled", html=False, common=Stated(disparity_range_px=(0, 32)))
@@ -166,6 +168,8 @@ def test_whatever_is_stated_changes_the_digest_of_the_inputs(tmp_path: Path) -> 
         Stated(alpha=0.5),
         Stated(scale_calibration=True),
         Stated(convention="aerospace"),
+        Stated(mask=log),
+        Stated(datum_deg=(48.0, 11.0)),
     ]
     digests = {inputs_digest(BatchItem("x", log, log, stated)) for stated in states}
     assert len(digests) == len(states)
@@ -173,12 +177,54 @@ def test_whatever_is_stated_changes_the_digest_of_the_inputs(tmp_path: Path) -> 
 
 def test_a_pair_that_travels_with_its_files_gives_the_same(tmp_path: Path, system: ExpertSystem) -> None:
     (tmp_path / "rig.yaml").write_text(RIG.format(focal=200))
-    one = item(tmp_path, Stated((tmp_path / "rig.yaml",), imu=imu_log(tmp_path), time_s=0.5))
+    write_image(
+        tmp_path / "mask.png", np.where(np.arange(120)[:, None] < 60, 255, np.zeros((120, 190))).astype(np.uint8)
+    )
+    stated = Stated((tmp_path / "rig.yaml",), imu=imu_log(tmp_path), time_s=0.5, mask=tmp_path / "mask.png")
+    one = item(tmp_path, stated)
     here = process(system, one, tmp_path / "out", FAST)
     there = process_packed(system, pack(one), FAST)
     assert there.decision_id == here.decision_id
     assert there.products is not None
     assert fact(there.decision, "attitude")["pitch_deg"] == pytest.approx(-5.0, abs=0.1)
+    validity = read_validity_png(tmp_path / "out" / "validity.png")
+    assert (validity[60:] & Invalid.MASKED).all()
+    assert not (validity[:60] & Invalid.MASKED).any()
+
+
+def test_a_mask_of_another_size_costs_that_pair_alone(tmp_path: Path, system: ExpertSystem) -> None:
+    write_image(tmp_path / "mask.png", np.full((60, 95), 255, np.uint8))
+    outcome = process(system, item(tmp_path, Stated(mask=tmp_path / "mask.png")), tmp_path / "out", FAST)
+    assert outcome.status == "unreadable"
+    assert "make the mask on the rectified left image" in outcome.reason
+
+
+def test_a_place_gives_the_map_of_its_pair_a_reference_system(tmp_path: Path, system: ExpertSystem) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    (tmp_path / "rig.yaml").write_text(RIG.format(focal=200))
+    settings = replace(FAST, products=("elevation.tif",))
+    stated = Stated((tmp_path / "rig.yaml",), angles_deg=(0.0, 0.0, 0.0), datum_deg=(48.0, 11.0))
+    process(system, item(tmp_path, stated), tmp_path / "out", settings)
+    with rasterio.open(tmp_path / "out" / "elevation.tif") as file:
+        assert file.crs.to_dict()["lat_0"] == 48.0
+
+
+def test_all_workers_and_later_runs_keep_a_time_budget_by_one_speed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_pair(tmp_path / "source", "1", seed=1)
+    items = find_pairs(tmp_path / "source")
+    budget = replace(FAST, time_budget_s=0.5, memory_budget_mb=100.0)
+    monkeypatch.setattr("expert.batch.run.measure_speed", lambda: 1.25)
+    first = Batch(items, tmp_path / "out", budget)
+    first.run(first.plan())
+    record = (tmp_path / "out" / "pairs" / "1" / "decision.json").read_text(encoding="utf-8")
+    task = fact(record, "task")
+    assert (task["time_budget_s"], task["machine_speed"], task["memory_budget_mb"]) == (0.5, 1.25, 100.0)
+    monkeypatch.setattr("expert.batch.run.measure_speed", lambda: 2.0)
+    assert Batch(items, tmp_path / "out", budget).plan().todo == ()
+    less = Batch(items, tmp_path / "out", replace(budget, time_budget_s=0.1)).plan("redo")
+    assert less.changes == ("time budget 0.5 s at speed 1.25, now 0.1 s at speed 1.25",)
 
 
 @contextmanager

@@ -192,6 +192,24 @@ def test_two_files_of_one_calibration_and_a_log_with_a_time_are_read(tmp_path: P
     assert item.stated == Stated(both, imu=tmp_path / "imu.csv", time_s=1.5)
 
 
+def test_the_place_and_the_mask_of_a_pair_are_read(tmp_path: Path) -> None:
+    touch(tmp_path, "l.png", "r.png", "mask.png")
+    head = "left,right,mask,latitude_deg,longitude_deg\n"
+    (tmp_path / "m.csv").write_text(head + "l.png,r.png,mask.png,48.1,11.5\n")
+    (item,) = find_pairs(tmp_path / "m.csv")
+    assert item.stated == Stated(mask=tmp_path / "mask.png", datum_deg=(48.1, 11.5))
+    (tmp_path / "m.csv").write_text(head + "l.png,r.png,gone.png,48.1,\nl.png,r.png,,99,0\n")
+    with pytest.raises(ManifestError) as found:
+        find_pairs(tmp_path / "m.csv")
+    said = str(found.value).replace(f"{tmp_path / 'm.csv'}: ", "").splitlines()
+    assert said == [
+        "line 2: mask 'gone.png' is no file; paths are relative to the manifest",
+        "line 2: half of a place is given; give latitude_deg and longitude_deg",
+        "line 3: datum 99 0 is no place; give latitude -90 to 90 and longitude -180 to 180, in degrees",
+        "line 3: the name 'l' stands in line 2 already; give another name",
+    ]
+
+
 def test_halves_and_doubles_in_a_manifest_are_named(tmp_path: Path) -> None:
     touch(tmp_path, "l.png", "r.png", "a")
     rows = (
