@@ -44,8 +44,10 @@ def least_squares_plane(
     x, y, one = xy[:, 0] - centre[0], xy[:, 1] - centre[1], np.ones(len(xy))
     design = np.stack([x, y, one])
     # Normal equations: three unknowns of about the same size about the centre need no orthogonal factors.
-    normal = (design * weights) @ design.T
-    a, b, c = np.linalg.lstsq(normal, (design * weights) @ z, rcond=1e-12)[0]
+    # Sums of so few products gain nothing from the threads of a BLAS library, which spin when they have nothing to do.
+    weighted = design * weights
+    normal = np.einsum("in,jn->ij", weighted, design)
+    a, b, c = np.linalg.lstsq(normal, np.einsum("in,n->i", weighted, z), rcond=1e-12)[0]
     return np.array([a, b, c - a * centre[0] - b * centre[1]])
 
 
@@ -87,14 +89,20 @@ def robust_plane(
     if not usable.any():
         return None
     planes = np.linalg.solve(design[usable], sz[triples[usable]][..., None])[..., 0]
-    ratio = np.abs(planes[:, :2] @ sxy.T + planes[:, 2:] - sz) / slimit
+    ratio = np.abs(planes[:, 0:1] * sxy[:, 0] + planes[:, 1:2] * sxy[:, 1] + planes[:, 2:] - sz) / slimit
     best = planes[np.argmin(np.minimum(ratio, 1.0).sum(axis=1))]
     for _ in range(5):
-        inliers = np.abs(xy @ best[:2] + best[2] - z) <= limit
+        inliers = np.abs(_height(best, xy) - z) <= limit
         if np.count_nonzero(inliers) < 3:
             return None
         best = least_squares_plane(xy[inliers], z[inliers], 1.0 / limit[inliers] ** 2)
-    residual = xy @ best[:2] + best[2] - z
+    residual = _height(best, xy) - z
     inliers = np.abs(residual) <= limit
     rms = float(np.sqrt(np.mean(residual[inliers] ** 2))) if inliers.any() else float("inf")
     return PlaneFit(best, inliers, rms)
+
+
+def _height(coefficients: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return z (N,) of a plane at points (N, 2)."""
+    a, b, c = coefficients
+    return np.asarray(a * xy[:, 0] + b * xy[:, 1] + c)

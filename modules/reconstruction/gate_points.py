@@ -103,7 +103,7 @@ def _in_body(scene: Scene, points: PointCloud, params: GatePointsParams) -> Mask
     attitude = scene.attitude if scene.attitude is not None else Attitude()
     to_body = level_from_body(attitude).astype(np.float32)  # its columns are the body axes
     relative = points.xyz_m - np.asarray(points.shared.pivot_m, np.float32)
-    ahead, left = relative @ to_body[:, 0], relative @ to_body[:, 1]
+    ahead, left = np.einsum("nj,jk->kn", relative, to_body[:, :2])
     return np.asarray(
         (ahead <= params.body_front_m) & (ahead >= -params.body_back_m) & (np.abs(left) <= params.body_side_m)
     )
@@ -131,7 +131,7 @@ def _grazing_sine(points: PointCloud, fit: PlaneFit) -> NDArray[np.floating]:
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
     ray = points.xyz_m - np.asarray(points.shared.camera_m, np.float32)
     length = np.maximum(np.sqrt(np.einsum("ij,ij->i", ray, ray)), 1e-9)
-    return np.asarray(np.abs(ray @ normal.astype(np.float32)) / length)
+    return np.asarray(np.abs(np.einsum("nj,j->n", ray, normal.astype(np.float32))) / length)
 
 
 OPERATOR = Operator(
