@@ -89,7 +89,7 @@ def test_a_tie_is_reported_unless_the_conditions_exclude_each_other(check, good_
     def two(first, second):
         one = RULE.format(id="COR003", when=first, then="{choose: correction.gain, score: 0.4}")
         other = RULE.format(id="COR004", when=second, then="{choose: correction.match_histograms, score: 0.4}")
-        return codes(check(good_text + one + other, with_cases=False))
+        return codes(check(good_text + one + other.replace("under-test", "also-under-test"), with_cases=False))
 
     condition = "{{fact: brightness, field: offset_dn, op: {}, value: 3}}"
     assert two(condition.format("gt"), condition.format("ge")) == ["tie"]
