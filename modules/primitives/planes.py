@@ -40,14 +40,14 @@ def least_squares_plane(
     xy: NDArray[np.float64], z: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return a, b, c (3,) of the plane that minimises the weighted squared residuals of z over points (N, 2), (N,)."""
-    centre = xy.mean(axis=0)
-    x, y, one = xy[:, 0] - centre[0], xy[:, 1] - centre[1], np.ones(len(xy))
-    design = np.stack([x, y, one])
-    # Normal equations: three unknowns of about the same size about the centre need no orthogonal factors.
-    # Sums of so few products gain nothing from the threads of a BLAS library, which spin when they have nothing to do.
-    weighted = design * weights
-    normal = np.einsum("in,jn->ij", weighted, design)
-    a, b, c = np.linalg.lstsq(normal, np.einsum("in,n->i", weighted, z), rcond=1e-12)[0]
+    x, y = [np.ascontiguousarray(part) for part in xy.T]
+    centre = float(x.mean()), float(y.mean())
+    x, y, one = x - centre[0], y - centre[1], np.ones_like(x)
+    # Normal equations: three unknowns of about the same size about the centre need no orthogonal factors. By einsum:
+    # the threads of a BLAS library gain nothing here, and spin when they have nothing to do.
+    rows = [part * weights for part in (x, y, one)]
+    normal = [[np.einsum("n,n->", row, part) for part in (x, y, one)] for row in rows]
+    a, b, c = np.linalg.lstsq(normal, [np.einsum("n,n->", row, z) for row in rows], rcond=1e-12)[0]
     return np.array([a, b, c - a * centre[0] - b * centre[1]])
 
 
@@ -80,7 +80,7 @@ def robust_plane(
         return None
     limit = np.broadcast_to(np.asarray(tolerance, np.float64), (count,))
     rng = np.random.default_rng(SEED)
-    sample = rng.choice(count, min(count, SAMPLE_POINTS), replace=False)
+    sample = rng.choice(count, min(count, SAMPLE_POINTS), replace=False, shuffle=False)
     sxy, sz, slimit = xy[sample], z[sample], limit[sample]
     triples = rng.integers(0, len(sample), (HYPOTHESES, 3))
     design = np.concatenate([sxy[triples], np.ones((HYPOTHESES, 3, 1))], axis=2)
@@ -89,13 +89,13 @@ def robust_plane(
     if not usable.any():
         return None
     planes = np.linalg.solve(design[usable], sz[triples[usable]][..., None])[..., 0]
-    ratio = np.abs(planes[:, 0:1] * sxy[:, 0] + planes[:, 1:2] * sxy[:, 1] + planes[:, 2:] - sz) / slimit
-    best = planes[np.argmin(np.minimum(ratio, 1.0).sum(axis=1))]
-    for _ in range(5):
-        inliers = np.abs(_height(best, xy) - z) <= limit
+    best = planes[np.argmin(_misfits(planes, sxy, sz, slimit))]
+    some, everything = (sxy, sz, slimit), (xy, z, limit)
+    for points, heights, most in (some, some, some, everything, everything):
+        inliers = np.abs(_height(best, points) - heights) <= most
         if np.count_nonzero(inliers) < 3:
             return None
-        best = least_squares_plane(xy[inliers], z[inliers], 1.0 / limit[inliers] ** 2)
+        best = least_squares_plane(points[inliers], heights[inliers], 1.0 / most[inliers] ** 2)
     residual = _height(best, xy) - z
     inliers = np.abs(residual) <= limit
     rms = float(np.sqrt(np.mean(residual[inliers] ** 2))) if inliers.any() else float("inf")
@@ -106,3 +106,18 @@ def _height(coefficients: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArr
     """Return z (N,) of a plane at points (N, 2)."""
     a, b, c = coefficients
     return np.asarray(a * xy[:, 0] + b * xy[:, 1] + c)
+
+
+def _misfits(
+    planes: NDArray[np.float64], xy: NDArray[np.float64], z: NDArray[np.float64], limit: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Return the sum (K,) of how far points (N, 2), (N,) lie off each plane (K, 3), in limits and at most 1 each."""
+    centre, middle = xy.mean(axis=0), z.mean()  # single precision suffices about the centre
+    x, y, one = (np.asarray(part / limit, np.float32) for part in (*(xy - centre).T, np.ones_like(z)))
+    height = np.asarray((z - middle) / limit, np.float32)
+    slopes = planes[:, :2].astype(np.float32)
+    offsets = (_height(planes.T, centre[None]) - middle).astype(np.float32)
+    found = np.empty(len(planes), np.float32)
+    for k, (a, b) in enumerate(slopes):
+        found[k] = np.minimum(np.abs(a * x + b * y + (offsets[k] * one - height)), np.float32(1.0)).sum()
+    return found
