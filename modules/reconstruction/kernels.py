@@ -87,17 +87,17 @@ def count_agreeing(disparity: NDArray[np.float32], radius: int, gradient: float,
     rows, columns = disparity.shape
     found = np.zeros((rows, columns), np.int32)
     for y in range(rows):
+        for yy in range(max(0, y - radius), min(rows, y + radius + 1)):
+            for dx in range(-radius, radius + 1):
+                reach = tolerance + gradient * max(abs(yy - y), abs(dx))
+                begin, end = max(0, -dx), min(columns, columns - dx)
+                if end <= begin:  # a window wider than the image
+                    continue
+                here, there, counts = disparity[y, begin:end], disparity[yy, begin + dx : end + dx], found[y, begin:end]
+                for x in range(len(here)):  # the compiler makes vectors of this one
+                    counts[x] += np.int32(abs(there[x] - here[x]) <= reach)  # 0 for NaN
         for x in range(columns):
-            d = disparity[y, x]
-            if d != d:
-                continue
-            n = 0
-            for yy in range(max(0, y - radius), min(rows, y + radius + 1)):
-                for xx in range(max(0, x - radius), min(columns, x + radius + 1)):
-                    reach = tolerance + gradient * max(abs(yy - y), abs(xx - x))
-                    if abs(disparity[yy, xx] - d) <= reach:  # false for NaN
-                        n += 1
-            found[y, x] = n - 1
+            found[y, x] = max(found[y, x] - 1, 0)  # itself
     return found
 
 
