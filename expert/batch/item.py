@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -67,6 +68,17 @@ class Stated:
             mask=self.mask or common.mask,
             datum_deg=self.datum_deg or common.datum_deg,
         )
+
+
+def natural(name: str) -> tuple[str | int, ...]:
+    """Return what names are sorted by so that 2 comes before 10.
+
+    Examples
+    --------
+    >>> sorted(["day 1/10", "day 1/9"], key=natural)
+    ['day 1/9', 'day 1/10']
+    """
+    return tuple(int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", name))
 
 
 @dataclass(frozen=True)

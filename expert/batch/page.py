@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from expert.batch.item import natural
 from expert.batch.runlog import NAME, RunLog
 from expert.pages import render
 from modules.formats._text import write_text
@@ -108,7 +109,7 @@ def _pairs(log: RunLog, out: Path) -> list[PairLine]:
     _, rows = log.query(
         "SELECT r.pair, r.folder, r.status, r.reason, r.score, r.seconds, (SELECT group_concat(rule, ' ') FROM "
         "(SELECT DISTINCT rule FROM firings f WHERE f.result = r.result ORDER BY rule)) FROM results r "
-        "WHERE r.latest = 1 ORDER BY r.pair"
+        "WHERE r.latest = 1"
     )
     found = []
     for name, folder, status, reason, score, seconds, rules in rows:
@@ -128,15 +129,13 @@ def _pairs(log: RunLog, out: Path) -> list[PairLine]:
                 picture,
             )
         )
-    return found
+    return sorted(found, key=lambda line: natural(line.name))
 
 
 def _facts(log: RunLog) -> dict[str, list[tuple[str, float]]]:
-    _, rows = log.query(
-        "SELECT f.fact, r.pair, f.value FROM facts f JOIN results r USING (result) WHERE r.latest = 1 ORDER BY r.pair"
-    )
+    _, rows = log.query("SELECT f.fact, r.pair, f.value FROM facts f JOIN results r USING (result) WHERE r.latest = 1")
     found: dict[str, list[tuple[str, float]]] = {}
-    for fact, pair, value in rows:
+    for fact, pair, value in sorted(rows, key=lambda row: natural(str(row[1]))):
         found.setdefault(str(fact), []).append((str(pair), float(str(value))))
     return found
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
-from expert.batch.item import BatchItem, Stated
+from expert.batch.item import BatchItem, Stated, natural
 from expert.batch.manifest import read_manifest
 from modules.formats.errors import FormatError
 
@@ -64,7 +64,7 @@ def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[Ba
         raise FormatError(
             f"{source} holds {len(files)} images but no pair of {wanted}; give --pattern LEFT RIGHT or a manifest"
         )
-    return tuple(_item(source, name, *paths) for name, paths in sorted(found.items()))
+    return tuple(_item(source, name, *paths) for name, paths in sorted(found.items(), key=lambda one: natural(one[0])))
 
 
 def _files(source: Path) -> Iterator[str]:

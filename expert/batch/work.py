@@ -222,6 +222,7 @@ def _load(item: BatchItem) -> StereoPair:
         alpha=own.alpha,
         scale_calibration=own.scale_calibration,
     )
+    pair = replace(pair, name=item.name)
     return pair if own.mask is None else pair.without_masked(own.mask)
 
 

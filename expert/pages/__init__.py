@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jinja2 import Template
+    from markupsafe import Markup
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ def _page(package: str, template: str) -> _Page:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
+    environment.filters["breakable"] = _breakable
     stem = template.partition(".")[0]
 
     def text(kind: str) -> str:
@@ -46,6 +49,13 @@ def _page(package: str, template: str) -> _Page:
     script = text("js")
     digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
     return _Page(environment.get_template(template), text("css"), script, f"sha256-{digest}")
+
+
+def _breakable(text: str) -> Markup:
+    """Escape a name and let lines break behind its dots and underscores, instead of anywhere."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"([._])", r"\1<wbr>", str(escape(text))))
 
 
 def render(package: str, template: str, **values: object) -> str:

@@ -95,6 +95,8 @@ def settings(decision: Decision, step: Step) -> Iterator[str]:
 def losers_text(step: Step) -> Iterator[str]:
     """Say what lost a slot and its parameters, to whom, and why."""
     for loser in step.losers:
+        if loser.rule is None and loser.operator == step.operator:
+            continue  # a rule gave the default its parameters: nothing was beaten
         yield f"{loser.operator} ({loser.rule or 'default'}, score {loser.score:g}): {loser.lost_because}"
     for setting in step.lost_settings:
         value = number_text(setting.value)

@@ -43,6 +43,8 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "wbr":  # where a name may be broken; their number follows the rows
+            return
         self.tags.append(tag)
         self.attributes += [(tag, name, value or "") for name, value in attrs]
         if tag not in ("meta", "link", "img", "input", "br"):
@@ -110,7 +112,7 @@ def test_a_changed_image_has_a_wipe_and_an_unchanged_one_says_so() -> None:
 
 
 def test_the_page_says_everything_that_was_decided() -> None:
-    text = as_html(record(), pair_images())
+    text = as_html(record(), pair_images()).replace("<wbr>", "")
     decision = record()
     for expected in (
         *dataclasses.astuple(verdict(decision)), "brightness.offset_dn", "-13.97 dn", "COR1", "Rather than 1 other",
@@ -131,7 +133,7 @@ def test_facts_of_one_template_are_told_apart_by_their_keys() -> None:
         FactRecord(template="histogram", fields={"side": side, "channel": "gray", "mean_dn": 5.0})
         for side in ("left", "right")
     )
-    text = as_html(record(facts=facts), {})
+    text = as_html(record(facts=facts), {}).replace("<wbr>", "")
     assert "histogram[left, gray].mean_dn" in text
     assert "histogram[right, gray].mean_dn" in text
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -198,6 +199,7 @@ def test_the_page_shows_names_as_text_and_links_the_reports(source: Path, tmp_pa
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert(1)&lt;!script&gt;" in page
     assert 'href="pairs/1/report.html"' in page
+    assert "<h1>1</h1>" in (tmp_path / "out" / "pairs" / "1" / "report.html").read_text()
 
 
 def test_a_cluster_gives_the_same_though_a_worker_is_lost(source: Path, tmp_path: Path) -> None:
@@ -277,6 +279,8 @@ def test_the_page_names_the_rules_and_marks_what_lies_apart(source: Path, tmp_pa
         write_pair(source, str(number), seed=number)
     run(source, tmp_path / "out")
     page = write_page(tmp_path / "out").read_text()
+    rows = re.findall(r'data-rules="[^"]*"><th scope="row">([^<]*)</th>', page)
+    assert rows == [str(number) for number in range(12)]
     button = '<button type="button" data-rule="MAT001" aria-pressed="false">MAT001</button></th>'
     assert f"{button}<td>range-as-given</td>" in page
     items = [(str(number), value) for number, value in enumerate([1.0, 1.1, 0.9, 1.0, 1.2, 0.8, 1.0, 1.1, 9.0])]

@@ -152,6 +152,11 @@ def test_filters_and_limits_keep_the_order(tmp_path: Path) -> None:
     assert [item.name for item in select(items, None, 3)] == ["d1/1", "d1/2", "d2/1"]
 
 
+def test_numbers_in_names_count_as_numbers(tmp_path: Path) -> None:
+    touch(tmp_path, *(f"{side}_{i}.png" for i in (10, 9, 100) for side in ("left", "right")))
+    assert [item.name for item in find_pairs(tmp_path)] == ["9", "10", "100"]
+
+
 def test_the_calibrations_of_kitti_are_found_by_frame_and_by_day(tmp_path: Path) -> None:
     for number in ("000000", "000001"):
         touch(tmp_path, f"2015/image_2/{number}_10.png", f"2015/image_3/{number}_10.png", f"day/image_0/{number}.png")
