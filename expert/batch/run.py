@@ -43,6 +43,8 @@ class Plan:
         Items to process, and why: `new`, `unfinished`, `input changed`, `processed otherwise`, `failed before`.
     done : int
         Items that need nothing.
+    unprocessed : int
+        Those of them that could not be processed and are not tried again.
     changes : tuple of str
         What is other than it was for the items that were processed with other rules, versions, profile, rover, budgets
         or products.
@@ -51,6 +53,7 @@ class Plan:
     todo: tuple[tuple[BatchItem, str], ...]
     done: int
     changes: tuple[str, ...] = ()
+    unprocessed: int = 0
 
 
 @dataclass
@@ -112,7 +115,7 @@ class Batch:
         known = log.latest() if log is not None else {}
         todo: list[tuple[BatchItem, str]] = []
         before: set[int] = set()  # runs of the items that were processed otherwise
-        changed = 0
+        changed = unprocessed = 0
         for item in self.items:
             latest = known.get(item.name)
             reason = self._reason(item, latest, retry)
@@ -121,13 +124,15 @@ class Batch:
                 before.add(latest.run)
             if reason and not (reason == CHANGED and resume == "keep"):
                 todo.append((item, reason))
+            elif latest is not None and latest.status not in PROCESSED:
+                unprocessed += 1
         changes = self._changes(log, before) if log is not None else ()
         if changed and resume == "ask":
             raise ChangedSettings(
                 f"{changed} of {len(self.items)} pairs in {self.out} were processed otherwise ({'; '.join(changes)}); "
                 "say --resume redo to process them again, or --resume keep to leave them as they are"
             )
-        return Plan(tuple(todo), len(self.items) - len(todo), changes)
+        return Plan(tuple(todo), len(self.items) - len(todo), changes, unprocessed)
 
     def _changes(self, log: RunLog, runs: Iterable[int]) -> tuple[str, ...]:
         """Say in what runs differ from this one."""

@@ -20,6 +20,7 @@ from expert.engine import EngineName
 from expert.pair import PairError, StereoPair
 from expert.products import DEFAULT_PRODUCTS
 from modules.formats import FormatError, attitude_from_degrees, read_imu_log
+from modules.formats._text import unwritable
 from modules.formats.imu import ImuLog
 from modules.primitives.frames import Convention
 from modules.types import Attitude, Datum, Rover
@@ -188,7 +189,7 @@ def process(system: ExpertSystem, item: BatchItem, out: Path, settings: Settings
     except FormatError as error:
         return ended("error", str(error))
     except OSError as error:
-        return ended("error", f"the products could not be written: {error}")
+        return ended("error", str(unwritable(error.filename or out, error)))
     except MemoryError:
         return ended(
             "error", "the memory did not suffice; raise --memory-limit, narrow the disparity range or downscale"

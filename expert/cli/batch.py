@@ -191,14 +191,19 @@ def _conclude(out: Path, plan: Plan, state: Progress) -> None:
 
     left = state.total - state.done
     typer.echo(
-        f"{state.done} pairs processed, {plan.done} kept, {state.failed} could not be reconstructed, "
+        f"{state.done} pairs processed, {_kept(plan)} kept, {state.failed} could not be reconstructed, "
         f"{state.not_processed} could not be processed" + (f", {left} left" if left else "")
     )
     typer.echo(f"written to {write_page(out)}; ask `terrex log {out}` for more")
-    if state.not_processed:
+    if state.not_processed or plan.unprocessed:
         typer.echo("the same command with --retry tries again what could not be processed")
-    if state.failed or state.not_processed or left:
+    if state.failed or state.not_processed or plan.unprocessed or left:
         raise typer.Exit(1)
+
+
+def _kept(plan: Plan) -> str:
+    told = f" ({plan.unprocessed} of them could not be processed)" if plan.unprocessed else ""
+    return f"{plan.done}{told}"
 
 
 def _planned(plan: Plan) -> str:
@@ -207,7 +212,7 @@ def _planned(plan: Plan) -> str:
     for _, reason in plan.todo:
         counts[reason] = counts.get(reason, 0) + 1
     told = ", ".join(f"{count} {reason}" for reason, count in sorted(counts.items())) or "nothing"
-    lines.append(f"to do: {told}; {plan.done} are done")
+    lines.append(f"to do: {told}; {_kept(plan)} are done")
     if plan.changes:
         lines.append(
             f"processed otherwise: {'; '.join(plan.changes)}; --resume keep leaves them, --resume redo does not"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -117,6 +118,11 @@ def write_bytes(path: Path, content: bytes) -> None:
     try:
         path.write_bytes(content)
     except OSError as error:
-        raise FormatError(
-            f"{path} cannot be written ({error.strerror}); check the folder and its permissions"
-        ) from error
+        raise unwritable(path, error) from error
+
+
+def unwritable(path: Path | str, error: OSError) -> FormatError:
+    """Return the error of a file that cannot be written, with the remedy for its cause."""
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    remedy = "make room on the disk" if full else "check the folder and its permissions"
+    return FormatError(f"{path} cannot be written ({error.strerror}); {remedy}")

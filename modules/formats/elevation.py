@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from modules.formats._text import unwritable
 from modules.formats.errors import FormatError
 from modules.types import Datum, ElevationMap, FloatImage
 
@@ -40,9 +41,7 @@ def write_geotiff(path: Path | str, grid: ElevationMap, layer: str = "elevation"
         else:
             _write_located(path, values, grid, top, datum)
     except OSError as error:
-        raise FormatError(
-            f"{path} cannot be written ({error.strerror}); check the folder and its permissions"
-        ) from error
+        raise unwritable(path, error) from error
 
 
 def _write_local(path: Path, values: FloatImage, grid: ElevationMap, top: float) -> None:

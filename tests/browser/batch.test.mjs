@@ -28,6 +28,7 @@ for (const dark of [false, true]) {
         assert.deepEqual(await weakTexts(page), []);
         assert.deepEqual(await structure(page), []);
         assert.ok(await overflows(page) <= 0, "the page scrolls sideways");
+        assert.ok(await page.locator(".scroll").first().evaluate(box => box.scrollWidth <= box.clientWidth), "pairs are cut off");
         await shot(page, `batch-${width}x${height}${dark ? "-dark" : ""}`, true);
       }));
   }

@@ -39,6 +39,7 @@ for (const dark of [false, true]) {
         assert.deepEqual(await weakTexts(page), []);
         assert.deepEqual(await structure(page), []);
         assert.ok(await overflows(page) <= 0, "the page scrolls sideways");
+        assert.ok(await page.locator("#measured .scroll").evaluate(box => box.scrollWidth <= box.clientWidth), "facts are cut off");
         await page.keyboard.press("Escape");
         await page.$$eval("details", all => all.forEach(one => { one.open = false; }));
         await page.evaluate(() => scrollTo(0, 0));

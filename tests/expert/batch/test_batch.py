@@ -279,7 +279,7 @@ def test_the_page_names_the_rules_and_marks_what_lies_apart(source: Path, tmp_pa
         write_pair(source, str(number), seed=number)
     run(source, tmp_path / "out")
     page = write_page(tmp_path / "out").read_text()
-    rows = re.findall(r'data-rules="[^"]*"><th scope="row">([^<]*)</th>', page)
+    rows = re.findall(r'data-rules="[^"]*"><th scope="row" role="rowheader">([^<]*)</th>', page)
     assert rows == [str(number) for number in range(12)]
     button = '<button type="button" data-rule="MAT001" aria-pressed="false">MAT001</button></th>'
     assert f"{button}<td>range-as-given</td>" in page

@@ -67,6 +67,17 @@ def test_a_dry_run_says_what_would_be_redone_and_why(source: Path, tmp_path: Pat
         told(*words, "--profile", "balanced")
 
 
+def test_what_could_not_be_processed_before_is_told_again(source: Path, tmp_path: Path) -> None:
+    (source / "right_1.png").write_bytes(b"broken")
+    batch = Batch(find_pairs(source), tmp_path / "out", FAST)
+    batch.run(batch.plan())
+    words = ("batch", source, "--out", tmp_path / "out", "--profile", "fast", "--disparity-range", 0, 32, "--no-html")
+    again = CliRunner().invoke(complete_app(), [str(word) for word in words])
+    assert again.exit_code == 1
+    assert "0 pairs processed, 1 (1 of them could not be processed) kept" in again.stdout
+    assert "the same command with --retry tries again" in again.stdout
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -242,7 +242,7 @@ def test_products_that_find_no_room_are_an_error_of_that_pair(tmp_path: Path, sy
     with files_end_at(50_000):
         outcome = process(system, item(tmp_path), tmp_path / "out", FAST)
     assert outcome.status == "error"
-    assert "File too large" in outcome.reason
+    assert "File too large); make room on the disk" in outcome.reason
     assert not (tmp_path / "out").exists()
 
 
