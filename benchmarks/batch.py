@@ -123,12 +123,12 @@ def growth(count: int) -> None:
             gc.collect()
             at.append(number)
             held.append(resident_mb())
-    slope, _ = np.polyfit(at, held, 1)
+    (slope, _), spread = np.polyfit(at, held, 1, cov=True)
     third = max(len(held) // 3, 1)
     print(
         f"{count} pairs in one process: {held[0]:.0f} MB after {at[0]}, {held[-1]:.0f} MB after {at[-1]}; fitted "
-        f"{1e3 * slope:+.2f} MB per 1000 pairs; median of the first third of {len(held)} samples "
-        f"{np.median(held[:third]):.1f} MB, of the last {np.median(held[-third:]):.1f} MB"
+        f"{1e3 * slope:+.2f} +- {1e3 * np.sqrt(spread[0, 0]):.2f} MB per 1000 pairs (1 sigma); median of the first "
+        f"third of {len(held)} samples {np.median(held[:third]):.1f} MB, of the last {np.median(held[-third:]):.1f} MB"
     )
 
 
