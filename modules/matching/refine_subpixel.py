@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -13,14 +14,34 @@ from modules.types import DisparityRange, FloatImage
 DERIVATIVE = np.array([[1.0, -8.0, 0.0, 8.0, -1.0]], np.float32) / np.float32(12.0)  # per px, exact for cubics
 
 
+@dataclass(frozen=True)
+class Window:
+    """How intensities are compared.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Half width and half height of the window, px.
+    passes : int
+        Steps.
+    misfit_weight : float
+        Counts the misfit that remains as noise: 1 where it is independent from pixel to pixel, as sensor noise is, more
+        where neighbours err alike.
+    """
+
+    columns: int = 2
+    rows: int = 2
+    passes: int = 1
+    misfit_weight: float = 5.0
+
+
 def refine_by_intensity(
     left: Bytes,
     right: Bytes,
     disparity: FloatImage,
     search: DisparityRange,
     pool: ThreadPoolExecutor | None,
-    radius: int = 2,
-    passes: int = 1,
+    window: Window = Window(),
 ) -> FloatImage:
     """Return disparities moved to where the intensities of the right image fit those of the left one best.
 
@@ -37,10 +58,7 @@ def refine_by_intensity(
         What was searched; disparities at either end of it stay there.
     pool : ThreadPoolExecutor or None
         Does two parts at once; the result does not depend on that.
-    radius : int
-        Half side of the window, px.
-    passes : int
-        Steps.
+    window : Window
 
     Returns
     -------
@@ -54,6 +72,7 @@ def refine_by_intensity(
     from modules.matching.kernels import refinement
 
     rows, columns = disparity.shape
+    radius, tall = window.columns, window.rows
     wanted, warped, warped_slope, current, smooth, inside, refined = (
         room_with_margins(disparity.shape, radius) for _ in range(7)
     )
@@ -66,7 +85,7 @@ def refine_by_intensity(
         slope[part] = cv2.filter2D(target[part], cv2.CV_32F, DERIVATIVE, borderType=cv2.BORDER_REPLICATE)
 
     def warp(part: slice) -> None:
-        refinement.smooth_rows(before, columns, radius, part.start, part.stop, smooth)
+        refinement.smooth_rows(before, columns, radius, tall, part.start, part.stop, smooth)
         down = np.repeat(np.arange(part.start, part.stop, dtype=np.float32)[:, None], columns, axis=1)
         found = smooth[part, image]
         at = across - found
@@ -75,16 +94,16 @@ def refine_by_intensity(
         warped_slope[part, image] = cv2.remap(slope, at, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def fit(part: slice) -> None:
-        refinement.fit_rows(
-            wanted, warped, warped_slope, smooth, inside, columns, radius, part.start, part.stop, refined
-        )
+        moved = (warped, warped_slope, smooth, inside)
+        size = (columns, radius, tall, window.misfit_weight)
+        refinement.fit_rows(wanted, *moved, *size, part.start, part.stop, refined)
 
     def hold(part: slice) -> None:
         refined[part, image] = _held_at_ends(refined[part, image], disparity[part], search)
 
     do_all(pool, prepare, halves(rows))
     before = current
-    for _ in range(passes):
+    for _ in range(window.passes):
         for step in (warp, fit):
             do_all(pool, step, halves(rows))
         before = refined

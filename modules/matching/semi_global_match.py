@@ -16,7 +16,7 @@ from modules.matching.aggregation import Problem, Selection, aggregate, plan_sto
 from modules.matching.coarse_to_fine import confirmed_coarse, match_tiles, plan_tiles
 from modules.matching.common import Bytes, assemble, checked_range, to_bytes
 from modules.matching.features import FINENESS, CensusName, CostName, compute_features, smooth_levels, window_of
-from modules.matching.refine_subpixel import refine_by_intensity
+from modules.matching.refine_subpixel import Window, refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.primitives.threads import allowed_threads
 from modules.types import DisparityRange, Image, Invalid, Matching, Views
@@ -55,9 +55,16 @@ class SemiGlobalMatchParams(OperatorParams):
         "intensity",
         description="Curve fitted at the least cost, or lines refined by intensities, which locks least to whole px",
     )
-    refine_px: int = Field(5, ge=3, le=15, description="Side of the window of that refinement, odd, px")
+    refine_px: int = Field(5, ge=3, le=15, description="Width of the window of that refinement, odd, px")
+    refine_rows_px: int = Field(5, ge=3, le=15, description="Height of the window of that refinement, odd, px")
     refine_passes: int = Field(
         1, ge=1, le=8, description="Steps of that refinement; noise damps each, so it needs more"
+    )
+    refine_misfit: float = Field(
+        5.0,
+        ge=1.0,
+        le=20.0,
+        description="Weight of its misfit as noise: 1 for noise of single pixels, more where neighbours err alike",
     )
     gray: Literal["luminance", "mean"] = Field(
         "luminance",
@@ -133,9 +140,8 @@ def match_gray(left: Bytes, right: Bytes, search: DisparityRange, params: SemiGl
         found = _match_levels(left, right, search, params, pool)
         if params.subpixel != "intensity":
             return found
-        refined = refine_by_intensity(
-            left, right, found.disparity, search, pool, params.refine_px // 2, params.refine_passes
-        )
+        window = Window(params.refine_px // 2, params.refine_rows_px // 2, params.refine_passes, params.refine_misfit)
+        refined = refine_by_intensity(left, right, found.disparity, search, pool, window)
     return replace(found, disparity=refined)
 
 
@@ -209,10 +215,9 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
     H. Hirschmueller, Stereo Processing by Semiglobal Matching and Mutual Information, IEEE TPAMI 30(2), 2008.
     R. Zabih and J. Woodfill, Non-parametric local transforms for computing visual correspondence, ECCV 1994.
     """
-    if params.window_px % 2 == 0:
-        raise OperatorError(f"{NAME}: window_px {params.window_px} is even; use {params.window_px + 1}")
-    if params.refine_px % 2 == 0:
-        raise OperatorError(f"{NAME}: refine_px {params.refine_px} is even; use {params.refine_px + 1}")
+    for side in ("window_px", "refine_px", "refine_rows_px"):
+        if (value := getattr(params, side)) % 2 == 0:
+            raise OperatorError(f"{NAME}: {side} {value} is even; use {value + 1}")
     if params.p2 < params.p1:
         raise OperatorError(f"{NAME}: p2 {params.p2:g} is smaller than p1 {params.p1:g}; use a larger p2")
     search = checked_range(state, max(params.window_px, window_of(params.cost, params.census)), NAME)

@@ -24,7 +24,6 @@ STEP_LIMIT = 0.3  # largest change by the intensities, px
 LEAST_GAIN = 0.25  # least ratio of contrast between the images, and inverse of the largest
 PRIOR_SIGMA = 0.1  # expected error before the step, px
 NOISE_VARIANCE = 1.0  # least variance of an intensity, DN^2
-MISFIT_WEIGHT = 5.0  # counts the remaining misfit as noise; more than 1, because neighbours err alike
 
 
 @kernel
@@ -32,6 +31,7 @@ def smooth_rows(
     disparity: NDArray[np.float32],
     columns: int,
     radius: int,
+    tall: int,
     start: int,
     stop: int,
     out: NDArray[np.float32],
@@ -44,7 +44,8 @@ def smooth_rows(
     ----------
     disparity : float32 (H, P)
         px, with margins as `refine_subpixel.room_with_margins` makes them.
-    columns, radius, start, stop : int
+    columns, radius, tall, start, stop : int
+        Of the image; half width and half height of the window, px; rows to fill.
     out : float32 (H, P)
     """
     rows, pitch = disparity.shape
@@ -53,12 +54,12 @@ def smooth_rows(
     number, total = sums[0], sums[1]
     one, near = floats_of(np.float32(1.0)), floats_of(np.float32(SIMILAR))
     limit = np.float32(SMOOTH_LIMIT)
-    square = np.float32((2 * radius + 1) ** 4)
+    square = np.float32(((2 * radius + 1) * (2 * tall + 1)) ** 2)
     for y in range(start, stop):
         for x in range(radius, radius + columns, FLOAT_LANES):
             here = load(flat, y * pitch + x)
             n = s = floats_of(np.float32(0.0))
-            for yy in range(max(y - radius, 0), min(y + radius, rows - 1) + 1):
+            for yy in range(max(y - tall, 0), min(y + tall, rows - 1) + 1):
                 for dx in range(-radius, radius + 1):
                     step = subtract(load(flat, yy * pitch + x + dx), here)
                     n = add(n, where_within(step, near, one))
@@ -78,6 +79,8 @@ def fit_rows(
     inside: NDArray[np.float32],
     columns: int,
     radius: int,
+    tall: int,
+    misfit_weight: float,
     start: int,
     stop: int,
     out: NDArray[np.float32],
@@ -98,8 +101,10 @@ def fit_rows(
         px.
     inside : float32 (H, P)
         The same, infinite where the match lies outside the right image and in the margins.
-    columns, radius : int
-        Of the image; half side of the window, px.
+    columns, radius, tall : int
+        Of the image; half width and half height of the window, px.
+    misfit_weight : float
+        Counts the remaining misfit as noise.
     start, stop : int
     out : float32 (H, P)
     """
@@ -116,7 +121,7 @@ def fit_rows(
             d0, l0, r0 = load(centres, at), load(lefts, at), load(rights, at)
             n = floats_of(zero)
             s_a = s_b = s_c = s_aa = s_bb = s_cc = s_ab = s_ac = s_bc = n
-            for yy in range(max(y - radius, 0), min(y + radius, rows - 1) + 1):
+            for yy in range(max(y - tall, 0), min(y + tall, rows - 1) + 1):
                 for dx in range(-radius, radius + 1):
                     to = yy * pitch + x + dx
                     apart = subtract(load(neighbours, to), d0)
@@ -156,6 +161,6 @@ def fit_rows(
             misfit = aa - np.float32(2.0) * gain * ab + gain * gain * bb
             if hold > np.float32(1e-6):
                 misfit -= pull * pull / hold
-            variance = np.float32(NOISE_VARIANCE) + np.float32(MISFIT_WEIGHT) * max(misfit, zero) / number
+            variance = np.float32(NOISE_VARIANCE) + np.float32(misfit_weight) * max(misfit, zero) / number
             step = pull / (hold + variance / np.float32(PRIOR_SIGMA * PRIOR_SIGMA))
             out[y, x] = disparity[y, x] + min(max(step, np.float32(-STEP_LIMIT)), np.float32(STEP_LIMIT))

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modules.matching.kernels import refinement
-from modules.matching.refine_subpixel import refine_by_intensity, room_with_margins
+from modules.matching.refine_subpixel import Window, refine_by_intensity, room_with_margins
 from modules.matching.semi_global_match import SemiGlobalMatchParams, semi_global_match
 from modules.operator import OperatorError
 from modules.types import DisparityRange, Matching, Views
@@ -87,8 +87,8 @@ def test_parts_of_the_rows_are_refined_like_the_whole() -> None:
     whole, parts = np.zeros((2, *px.shape), np.float32), np.zeros((2, *px.shape), np.float32)
     for bounds, out in (((0, rows),), whole), (((0, 13), (13, rows)), parts):
         for start, stop in bounds:
-            refinement.smooth_rows(px + np.float32(0.1), columns, 2, start, stop, out[0])
-            refinement.fit_rows(left, right, right, px, px, columns, 2, start, stop, out[1])
+            refinement.smooth_rows(px + np.float32(0.1), columns, 2, 2, start, stop, out[0])
+            refinement.fit_rows(left, right, right, px, px, columns, 2, 2, 5.0, start, stop, out[1])
     assert np.isfinite(whole[:, :, 2 : 2 + columns]).all()
     np.testing.assert_array_equal(whole, parts)
 
@@ -99,12 +99,29 @@ def test_under_noise_a_wider_window_and_more_steps_come_nearer() -> None:
     right = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
     left, start = np.asarray(views.left, np.uint8), truth + np.float32(0.2)
 
-    def error(radius: int, passes: int) -> float:
-        found = refine_by_intensity(left, right, start, DisparityRange(0, 32), None, radius, passes)
+    def error(window: Window) -> float:
+        found = refine_by_intensity(left, right, start, DisparityRange(0, 32), None, window)
         return float(np.median(np.abs(found - truth)[:, 12:-12]))
 
-    assert error(3, 3) < 0.9 * error(2, 1)
-    assert error(2, 1) < 0.2  # the start
+    assert error(Window(3, 3, 3)) < 0.9 * error(Window())
+    assert error(Window()) < 0.2  # the start
+    assert error(Window(3, 3, 3, 1.5)) < 0.9 * error(Window(3, 3, 3))
+
+
+def test_a_wide_and_low_window_keeps_relief_from_row_to_row() -> None:
+    rows, columns = np.mgrid[:60, :200].astype(np.float32)
+    truth = (8.0 + 0.3 * np.sin(2.0 * np.pi * rows / 8.0)).astype(np.float32)
+    rng = np.random.default_rng(7)
+    right = cv2.GaussianBlur(rng.uniform(0, 255, truth.shape).astype(np.float32), (0, 0), 1.2)
+    right = 128 + 3 * (right - 128)
+    left = cv2.remap(right, columns - truth, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    images = [np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in (left, right)]
+
+    def error(window: Window) -> float:
+        found = refine_by_intensity(images[0], images[1], truth, DisparityRange(0, 32), None, window)
+        return float(np.median(np.abs(found - truth)[:, 20:-20]))
+
+    assert error(Window(7, 1)) < 0.5 * error(Window(3, 3))
 
 
 def test_the_mean_of_the_channels_sees_texture_that_the_luminance_drowns_in_noise() -> None:
@@ -129,6 +146,8 @@ def test_an_even_window_of_the_refinement_is_refused() -> None:
     views, _ = slanted_pair()
     with pytest.raises(OperatorError, match="refine_px 6 is even; use 7"):
         semi_global_match(Matching(views, DisparityRange(0, 16)), SemiGlobalMatchParams(refine_px=6))
+    with pytest.raises(OperatorError, match="refine_rows_px 4 is even; use 5"):
+        semi_global_match(Matching(views, DisparityRange(0, 16)), SemiGlobalMatchParams(refine_rows_px=4))
 
 
 def test_matching_locks_less_to_whole_pixels_with_it_than_without() -> None:
