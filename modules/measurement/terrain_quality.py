@@ -104,6 +104,13 @@ class TerrainQuality(FactModel):
         resolution=0.001,
         default=None,
     )
+    above_camera_fraction: float | None = quantity(
+        "Points higher above the dominant plane than the camera: sky that was matched, cliffs, or rocks of its height",
+        ge=0.0,
+        le=1.0,
+        resolution=0.0001,
+        default=None,
+    )
     wall_fraction: float | None = quantity(
         f"Measured cells whose points span more than {WALL_M:g} m of height: walls, overhangs or wrong matches",
         ge=0.0,
@@ -225,6 +232,12 @@ def _plane(scene: Scene, xyz: np.ndarray) -> dict[str, float]:
     a, b, c = (float(value) for value in fit.coefficients)
     tilt = math.degrees(math.atan(math.hypot(a, b)))
     found = {} if scene.ground is not None else _against_attitude(scene, (a, b, c))
+    if scene.points is not None:
+        x, y, z = scene.points.shared.camera_m
+        camera = z - (a * x + b * y + c)
+        if camera > LEAST_CAMERA_M:
+            height = xyz[::step, 2] - fit.at(xyz[::step, 0], xyz[::step, 1])
+            found["above_camera_fraction"] = float(np.mean(height > camera))
     return {
         **found,
         "plane_residual_m": fit.residual,

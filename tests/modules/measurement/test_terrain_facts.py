@@ -59,6 +59,15 @@ def test_the_ground_height_is_relative_to_the_camera(height, ratio):
     assert fact.ground_height_ratio == pytest.approx(ratio, abs=0.01)
 
 
+def test_what_hangs_above_the_height_of_the_camera_is_counted_on_a_slope_too():
+    for rise in (0.0, 0.2):
+        xyz = ground(rise_x=rise)
+        xyz[::40, 2] += 1.2  # one in forty, over a camera 1 m above the ground
+        xyz[1::40, 2] += 0.6
+        (fact,) = of(scene_of(xyz, Attitude()), TerrainQuality)
+        assert fact.above_camera_fraction == pytest.approx(0.025, abs=1e-3)
+
+
 def test_rejections_are_facts_by_reason():
     facts = of(scene_of(ground(), rejected={"too_high": 768, "no_disparity": 5}), Rejection)
     assert [(fact.reason, fact.count, fact.fraction) for fact in facts] == [("too_high", 768, 0.01)]
