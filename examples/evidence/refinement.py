@@ -3,7 +3,7 @@
 The evidence behind MAT070 and MAT071: median absolute error in 1/100 px of the pixels that are right within 1 px, over
 every N-th development pair, whose surfaces face the camera, and over rendered terrain, which is seen at a flat angle.
 There also the median absolute error of means over 8 x 2 px, the size of a cell of 5 cm at 4 m: what noise leaves after
-averaging counts in an elevation map.
+averaging counts in an elevation map. How the elevation itself fares within 6 m is told by `benchmarks.terrain`.
 
     TERREX_DATA=FOLDER python examples/evidence/refinement.py [--every 4]
 """

@@ -10,7 +10,9 @@ import numpy as np
 
 from modules.primitives.frames import level_from_body
 from modules.primitives.patches import highest, lowest
+from modules.primitives.photometry import to_8_bit, to_gray
 from modules.primitives.planes import robust_plane
+from modules.primitives.sky import find_sky
 from modules.primitives.statistics import robust_sigma
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Attitude, ElevationMap, Mask, Scene, Sight
@@ -28,6 +30,8 @@ SPIKE_M, SPIKE_SIGMAS = 0.1, 5.0
 LEAST_CELLS = 100
 LEAST_CAMERA_M = 0.2  # below this the mount says nothing of the height above the wheels
 ASSUMED_SIGMA_RAD = math.radians(5.0)  # an attitude less certain than this was assumed, not measured
+FAR_PERCENT = 10.0
+FAR_PIXELS = 100
 BEYOND_PX = 2.0  # sky and far hills scatter about infinity by less
 
 
@@ -43,6 +47,12 @@ class TerrainQuality(FactModel):
         ge=0.0,
         le=1.0,
         resolution=0.001,
+    )
+    far_disparity_px: float | None = quantity(
+        f"Disparity + doffs of the far end of these pixels: {FAR_PERCENT:g} % quantile, without what looks like sky",
+        unit="px",
+        resolution=0.01,
+        default=None,
     )
     median_range_m: float | None = quantity(
         "Median horizontal distance of the points", unit="m", ge=0.0, resolution=0.01, default=None
@@ -105,7 +115,7 @@ class TerrainQuality(FactModel):
         default=None,
     )
     above_camera_fraction: float | None = quantity(
-        "Points higher above the dominant plane than the camera: sky that was matched, cliffs, or rocks of its height",
+        "Points higher above the dominant plane than the camera, by two sigma: matched sky, cliffs or tall rocks",
         ge=0.0,
         le=1.0,
         resolution=0.0001,
@@ -191,7 +201,7 @@ def measure_terrain_quality(scene: Scene) -> list[FactModel]:
     matched = int(np.count_nonzero(scene.disparity.valid))
     if matched:
         values["kept_fraction"] = min(1.0, len(points) / matched)
-        values["behind_camera_fraction"] = _behind(scene)
+        values.update(_behind(scene))
     if len(points):
         xyz = points.xyz_m.astype(np.float64)
         values["median_range_m"] = float(np.median(np.hypot(xyz[:, 0], xyz[:, 1])))
@@ -213,19 +223,27 @@ def measure_terrain_quality(scene: Scene) -> list[FactModel]:
     return [TerrainQuality.model_validate(values), *rings, *rejected]
 
 
-def _behind(scene: Scene) -> float:
-    """Return the fraction of the matched pixels that lie clearly beyond infinity."""
+def _behind(scene: Scene) -> dict[str, float]:
+    """Measure the matched pixels that lie clearly beyond infinity."""
     doffs = 0.0 if scene.calibration is None else scene.calibration.doffs_px
-    return float(np.mean(scene.disparity.disparity_px[scene.disparity.valid] + doffs < -BEYOND_PX))
+    with np.errstate(invalid="ignore"):
+        behind = scene.disparity.valid & (scene.disparity.disparity_px + doffs < -BEYOND_PX)
+    found = {"behind_camera_fraction": float(np.count_nonzero(behind) / np.count_nonzero(scene.disparity.valid))}
+    if np.count_nonzero(behind) < FAR_PIXELS:
+        return found
+    ground = behind & ~find_sky(to_8_bit(to_gray(scene.left)))
+    chosen = ground if np.count_nonzero(ground) >= FAR_PIXELS else behind
+    far = scene.disparity.disparity_px[chosen].astype(np.float64) + doffs
+    return {**found, "far_disparity_px": float(np.percentile(far, FAR_PERCENT))}
 
 
 def _plane(scene: Scene, xyz: np.ndarray) -> dict[str, float]:
     """Measure the points about their dominant plane."""
     step = max(1, len(xyz) // PLANE_POINTS)
-    tolerance = np.full(len(xyz[::step]), PLANE_TOLERANCE_M)
+    sigma = np.zeros(len(xyz[::step]))
     if scene.points is not None and scene.points.covariance_m2 is not None:
         sigma = np.sqrt(scene.points.covariance_m2[::step, 5].astype(np.float64))
-        tolerance = np.hypot(tolerance, 2.0 * sigma)
+    tolerance = np.hypot(PLANE_TOLERANCE_M, 2.0 * sigma)
     fit = robust_plane(xyz[::step, :2], xyz[::step, 2], tolerance)
     if fit is None:
         return {}
@@ -237,7 +255,7 @@ def _plane(scene: Scene, xyz: np.ndarray) -> dict[str, float]:
         camera = z - (a * x + b * y + c)
         if camera > LEAST_CAMERA_M:
             height = xyz[::step, 2] - fit.at(xyz[::step, 0], xyz[::step, 1])
-            found["above_camera_fraction"] = float(np.mean(height > camera))
+            found["above_camera_fraction"] = float(np.mean(height - 2.0 * sigma > camera))
     return {
         **found,
         "plane_residual_m": fit.residual,

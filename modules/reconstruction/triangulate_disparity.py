@@ -32,6 +32,7 @@ class TriangulateDisparityParams(OperatorParams):
     offset_sigma_px: float = Field(
         0.0, ge=0.0, le=10.0, description="Standard deviation of the disparity offset that all points share, px"
     )
+    offset_px: float = Field(0.0, ge=-200.0, le=200.0, description="Added to disparity + doffs, px")
     min_disparity_px: float = Field(
         0.25, gt=0.0, le=100.0, description="Smallest disparity + doffs that is triangulated, px"
     )
@@ -40,8 +41,9 @@ class TriangulateDisparityParams(OperatorParams):
 def triangulate_disparity(scene: Scene, params: TriangulateDisparityParams) -> Scene:
     """Triangulate every valid pixel into the level frame, with a covariance.
 
-    `Z = f B / (d + doffs)`; optical to body by the mount, body to level by the attitude (level when None). The origin
-    is the body origin, raised by the height of the ground plane where one was fitted, so that the ground is z = 0.
+    `Z = f B / (d + doffs + offset)`; optical to body by the mount, body to level by the attitude (level when None).
+    The origin is the body origin, raised by the height of the ground plane where one was fitted, so that the ground is
+    z = 0.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def triangulate_disparity(scene: Scene, params: TriangulateDisparityParams) -> S
             f"the disparity is {disparity.shape[1]}x{disparity.shape[0]} and the calibration is for "
             f"{calibration.width_px}x{calibration.height_px}; use the calibration of this image size"
         )
-    shifted = (disparity + np.float32(calibration.doffs_px)).ravel()
+    shifted = (disparity + np.float32(calibration.doffs_px + params.offset_px)).ravel()
     usable, rejected = _usable(shifted, scene.mask, params.min_disparity_px)
     pixel = np.flatnonzero(usable)
     if len(pixel) == 0:

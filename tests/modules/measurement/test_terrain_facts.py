@@ -1,6 +1,7 @@
 """What the terrain says of itself: rings, rejections, walls, spikes, and whether it fits the attitude and the mount."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,6 +67,19 @@ def test_what_hangs_above_the_height_of_the_camera_is_counted_on_a_slope_too():
         xyz[1::40, 2] += 0.6
         (fact,) = of(scene_of(xyz, Attitude()), TerrainQuality)
         assert fact.above_camera_fraction == pytest.approx(0.025, abs=1e-3)
+
+
+def test_the_far_end_beyond_infinity_is_measured_without_the_few_worst():
+    scene = scene_of(ground())
+    disparity = np.full((240, 320), 9.0, np.float32)
+    disparity[:60] = -4.0
+    disparity[0, :50] = -40.0  # wrong matches
+    scene = replace(scene, disparity=replace(scene.disparity, disparity_px=disparity))
+    (fact,) = of(scene, TerrainQuality)
+    assert fact.behind_camera_fraction == 0.25
+    assert fact.far_disparity_px == pytest.approx(-4.0 + CAMERA.doffs_px)
+    (fact,) = of(scene_of(ground()), TerrainQuality)
+    assert (fact.behind_camera_fraction, fact.far_disparity_px) == (0.0, None)
 
 
 def test_rejections_are_facts_by_reason():

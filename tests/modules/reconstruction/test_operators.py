@@ -71,6 +71,15 @@ def test_points_lie_on_the_rays_of_their_pixels_worked_by_hand():
     assert math.sqrt(points.covariance_m2[0, 0]) == pytest.approx(6.25 * 0.25 / 22.5, rel=1e-5)
 
 
+def test_an_offset_is_added_to_every_disparity():
+    exact = run("triangulate_disparity", plane_scene()).points
+    scene = plane_scene()
+    moved = replace(scene.disparity, disparity_px=scene.disparity.disparity_px - np.float32(5.0))
+    found = run("triangulate_disparity", replace(scene, disparity=moved), offset_px=5.0).points
+    np.testing.assert_array_equal(found.pixel, exact.pixel)
+    np.testing.assert_allclose(found.xyz_m, exact.xyz_m, rtol=1e-4, atol=1e-4)
+
+
 def test_the_covariance_agrees_with_repeated_noise():
     scene = run("triangulate_disparity", plane_scene(noise_px=0.25))
     exact = run("triangulate_disparity", plane_scene())
