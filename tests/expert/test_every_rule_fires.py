@@ -57,6 +57,17 @@ rules:
     references: ["test"]
 """
 
+TINY_CELLS = """
+rules:
+  - id: RIG004
+    name: tiny-cells
+    stage: reconstruction
+    when: [{fact: task}]
+    then: [{set: reconstruction.grid_elevation, parameter: cell_m, to: 0.001, score: 0.99}]
+    because: This rig asks for more cells than there may be.
+    references: ["test"]
+"""
+
 
 def texture(seed: int, sigma_px: float = 1.2, width: int = WIDTH + 100) -> NDArray[np.uint8]:
     noise = cv2.GaussianBlur(np.random.default_rng(seed).normal(0.0, 1.0, (HEIGHT, width)), (0, 0), sigma_px)
@@ -65,6 +76,16 @@ def texture(seed: int, sigma_px: float = 1.2, width: int = WIDTH + 100) -> NDArr
 
 def plane(scene: NDArray[np.uint8], shift_px: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return scene[:, 60 : 60 + WIDTH].copy(), scene[:, 60 + shift_px : 60 + shift_px + WIDTH].copy()
+
+
+def house_before_a_yard() -> StereoPair:
+    """Return level ground 1 m below the camera and a wall 6 m ahead that is higher than the camera."""
+    rig = replace(CAMERA, baseline_m=0.4)
+    ground = rig.baseline_m * (np.arange(HEIGHT) - rig.cy_px)
+    disparity = np.rint(np.maximum(ground, rig.focal_px * rig.baseline_m / 6.0)).astype(int)
+    scene = texture(1, width=WIDTH + 200)
+    right = np.stack([row[60 + shift :][:WIDTH] for row, shift in zip(scene, disparity, strict=True)])
+    return StereoPair(scene[:, 60 : 60 + WIDTH].copy(), right, calibration=rig, attitude=Attitude())
 
 
 def rules_of(decision: Decision) -> set[str]:
@@ -157,6 +178,10 @@ def misplaced_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision
         yield system.reconstruct(replace(right, calibration=replace(made.calibration, **change))).decision
     wall = StereoPair(*plane(texture(1), 12), calibration=replace(CAMERA, baseline_m=0.4), attitude=Attitude())
     yield system.reconstruct(wall).decision
+    yield system.reconstruct(house_before_a_yard()).decision
+    tiny = folder / "tiny.yaml"
+    tiny.write_text(TINY_CELLS)
+    yield ExpertSystem(rules=[tiny], engine="compiled").reconstruct(right).decision
     unlike = made.right.copy()
     unlike[150:] = texture(9)[150:, :WIDTH, None]
     yield system.reconstruct(replace(right, right=unlike)).decision
