@@ -1,6 +1,6 @@
 """`terrex`: run, decide, simulate and the rule tools.
 
-Exit codes: 0 done; 1 done, with findings that the caller must act on; 2 wrong usage or unreadable input.
+Exit codes: 0 done; 1 done, and a pair could not be reconstructed or a rule is wrong; 2 wrong usage or unreadable input.
 """
 
 from __future__ import annotations
