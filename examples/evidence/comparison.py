@@ -81,15 +81,25 @@ def cases(folder: Path, every: int, terrain: int, differing: bool = False) -> It
         yield Case(f"terrain {seed}", f"terrain {seed}", views, made.disparity_px, scored, TERRAIN_NDISP)
 
 
-Distortion = SensorParams | str | float
+@dataclass(frozen=True)
+class Both:
+    """A distortion of both images, each with noise of its own."""
+
+    sensor: SensorParams
+
+
+Distortion = SensorParams | Both | str | float
 
 
 def distort(views: Views, distortion: Distortion, seed: int) -> Views:
-    """Return the views with a distortion of the right image.
+    """Return the views with a distortion of the right image, or of both.
 
     A reference one by name, `dark x0.5` for half of it; parameters of the sensor; or the share of stuck pixels, beside
     which one column and one row in 200 are at half brightness.
     """
+    if isinstance(distortion, Both):
+        noisy = [apply_sensor(image, distortion.sensor, seed + k) for k, image in ((1000, views.left), (0, views.right))]
+        return views.with_images(*noisy)
     if isinstance(distortion, float):
         return views.with_images(views.left, stick(views.right, distortion, seed))
     if isinstance(distortion, str):

@@ -5,11 +5,14 @@ The evidence behind COR020 and COR036.
     TERREX_DATA=FOLDER python examples/evidence/noise.py [--every 3] [--terrain 2] [--matchers sgbm own block]
 """
 
-from comparison import arguments, compare
+from comparison import Both, arguments, compare
 
 from modules.simulation.sensor import SensorParams
 
-DISTORTIONS = {f"noise {sigma}": SensorParams(noise_sigma_dn=sigma) for sigma in (4, 8, 12, 18)}
+DISTORTIONS = {
+    **{f"noise {sigma}": SensorParams(noise_sigma_dn=sigma) for sigma in (4, 8, 12, 18)},
+    **{f"noise {sigma} in both": Both(SensorParams(noise_sigma_dn=sigma)) for sigma in (6, 12, 18)},
+}
 CORRECTIONS = {
     **{
         f"denoise_gaussian, {sigma} px": (("correction.denoise_gaussian", {"sigma_px": sigma}),)
