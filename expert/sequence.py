@@ -12,7 +12,7 @@ import numpy as np
 from expert.api import ExpertSystem
 from expert.decision import Decision
 from expert.pair import StereoPair
-from expert.plan import NONE
+from expert.plan import NONE, StagePlan
 from expert.products import DEFAULT_PRODUCTS, Terrain, check_products, product_writers
 from modules.catalog import operators
 from modules.formats.atomic import whole_folder
@@ -110,6 +110,7 @@ def fuse(
     decisions: list[Decision] = []
     skipped: list[str] = []
     last: Scene | None = None
+    plan: StagePlan | None = None  # of the last view that gave points
     with tempfile.TemporaryDirectory() as folder:
         fused = FusedMap(cell_m, max_tiles, TileFolder(Path(folder)))
         for view in views:
@@ -122,16 +123,16 @@ def fuse(
                 continue
             empty = Disparity(np.full((1, 1), np.nan, np.float32), np.ones((1, 1), np.uint16))
             last = Scene(empty, pair.left, pair.calibration, pair.attitude, pair.mount or Mount(), points=result.points)
+            plan = result.decision.plans.get("reconstruction")
             fused.add(last, view.pose, view.time_s)
         if last is None:
             raise OperatorError(f"no view gave points ({'; '.join(skipped) or 'there are none'}); check the first one")
         elevation = fused.elevation()
-    return FusedResult(_finished(replace(last, elevation=elevation), decisions[-1]), tuple(decisions), tuple(skipped))
+    return FusedResult(_finished(replace(last, elevation=elevation), plan), tuple(decisions), tuple(skipped))
 
 
-def _finished(scene: Scene, decision: Decision) -> ElevationMap:
-    """Run on the map what the rules chose for the last view."""
-    plan = decision.plans.get("reconstruction")
+def _finished(scene: Scene, plan: StagePlan | None) -> ElevationMap:
+    """Run on the map what the rules chose for the last view that gave points."""
     for step in plan.steps if plan is not None else ():
         if step.slot in FINISHING and step.operator != NONE:
             operator = operators()[step.operator]

@@ -139,3 +139,5 @@ def _outcome(future: Future[Outcome], item: BatchItem, limits: Limits) -> Outcom
     except ProcessExpired as error:
         reason = f"the worker process died (exit code {error.exitcode}); a native library crashed or memory ran out"
         return unprocessed(item, "crashed", reason)
+    except Exception as error:  # noqa: BLE001  whatever a worker could not tell by itself belongs to its pair
+        return unprocessed(item, "error", f"{type(error).__name__}: {error}")

@@ -25,6 +25,7 @@ from modules.formats.errors import FormatError
 Resume = Literal["ask", "redo", "keep"]
 PAIRS = "pairs"  # folder of the products
 CHANGED = "processed otherwise"
+OTHER_INPUT = "input changed"
 LOCK = "lock.sqlite"
 SPEED = "machine speed"
 
@@ -150,9 +151,10 @@ class Batch:
         if latest is None:
             return "new"
         if latest.stamp != stamp(item) and latest.inputs != inputs_digest(item):
-            return "input changed"
+            return OTHER_INPUT
         if latest.status not in PROCESSED:
-            return "failed before" if retry else ""
+            otherwise = latest.status != "unreadable" and latest.settings_digest != self.digest
+            return "failed before" if retry or otherwise else ""
         if latest.settings_digest != self.digest:
             return CHANGED
         return "" if (self.folder(item) / "decision.json").is_file() else "unfinished"
@@ -205,13 +207,14 @@ class Batch:
         run = log.begin(self.source, told, self.digest, self.versions)
         state = Progress(len(plan.todo))
         items = ((item, self.folder(item)) for item, _ in plan.todo)
+        reasons = {item.name: reason for item, reason in plan.todo}
         with _interruptible() as stopping:
             if scheduler is not None:
                 results = run_on_cluster(items, self.settings, scheduler, transfer, stopping)
             else:
                 results = run_here(items, self.settings, limits, jobs, stopping)
             for item, outcome in results:
-                outcome = self._commit(log, run, item, outcome)
+                outcome = self._commit(log, run, item, outcome, reasons[item.name])
                 state.done += 1
                 state.failed += outcome.status == "failed"
                 state.not_processed += outcome.status not in PROCESSED
@@ -219,18 +222,21 @@ class Batch:
         log.end(run)
         return state
 
-    def _commit(self, log: RunLog, run: int, item: BatchItem, outcome: Outcome) -> Outcome:
-        """Write a result to the log and return it.
+    def _commit(self, log: RunLog, run: int, item: BatchItem, outcome: Outcome, reason: str) -> Outcome:
+        """Write the result of an item that was processed for a reason to the log and return it.
 
+        Products of an earlier input do not stay beside a result that says that the present one failed.
         Where the products of a pair have filled the disk, so that the log has no room, they make room for it, and the
         result is that the disk was full.
         """
+        if outcome.status not in PROCESSED and reason == OTHER_INPUT:
+            shutil.rmtree(self.folder(item), ignore_errors=True)
         try:
             log.add(run, outcome, item.folder, self.digest)
         except LogFull:
             shutil.rmtree(self.folder(item), ignore_errors=True)
-            reason = "the products left no room on the disk for the log and were removed; make room and say --retry"
-            outcome = unprocessed(item, "error", reason, outcome.seconds)
+            full = "the products left no room on the disk for the log and were removed; make room and say --retry"
+            outcome = unprocessed(item, "error", full, outcome.seconds)
             log.add(run, outcome, item.folder, self.digest)
         return outcome
 

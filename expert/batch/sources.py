@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import logging
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +13,11 @@ from pathlib import Path
 
 from expert.batch.item import BatchItem, Stated, natural
 from expert.batch.manifest import read_manifest
+from expert.batch.runlog import NAME as RUN_LOG
+from modules.formats.atomic import MARK
 from modules.formats.errors import FormatError
+
+_log = logging.getLogger(__name__)
 
 IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm")
 # Names of the two cameras, in files (`left_01.png`, `01-right.png`) and in folders (`left/01.png`).
@@ -59,6 +64,8 @@ def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[Ba
         raise FormatError(f"{source} is neither a folder nor a manifest (.csv, .jsonl); check the path")
     files = sorted(_files(source))
     found = _by_pattern(source, files, pattern) if pattern else _by_side(files)
+    if found and not pattern:
+        _warn_of_lone(files, found)
     if not found:
         wanted = "files that match the pattern" if pattern else "files named left and right, cam0 and cam1, im0 and im1"
         raise FormatError(
@@ -68,11 +75,14 @@ def find_pairs(source: Path, pattern: tuple[str, str] | None = None) -> tuple[Ba
 
 
 def _files(source: Path) -> Iterator[str]:
-    """Yield the images below a folder, relative to it; a folder that was seen before, by any name, is not entered."""
+    """Yield the images below a folder, relative to it.
+
+    A folder that was seen before, by any name, is not entered, nor is one that holds results: of a pair, or of a batch.
+    """
     seen: set[str] = set()
     for folder, folders, names in os.walk(source, followlinks=True):
         real = os.path.realpath(folder)
-        if real in seen:
+        if real in seen or RUN_LOG in names or {MARK, "decision.json"} <= set(names):
             folders.clear()
             continue
         seen.add(real)
@@ -93,8 +103,20 @@ def _by_side(files: list[str]) -> dict[str, tuple[str, str]]:
                 if other in known and other != path:
                     stem = os.path.splitext(path)[0]
                     name = re.sub(r"[_\-. ]*/[/_\-. ]*", "/", stem[:start] + stem[end:]).strip("/_-. \n")
+                    if found.get(name, (path, other)) != (path, other):
+                        name = stem  # two cameras in one folder, say: no pair is dropped for its name
                     found.setdefault(name or stem, (path, other))
     return found
+
+
+def _warn_of_lone(files: list[str], found: Mapping[str, tuple[str, str]]) -> None:
+    """Name the images of one camera whose other one is missing."""
+    paired = {path for paths in found.values() for path in paths}
+    words = [word for side in SIDES for word in side]
+    lone = [path for path in files if path not in paired and any(any(_places(path, word)) for word in words)]
+    if lone:
+        shown = ", ".join(map(repr, lone[:3])) + (", ..." if len(lone) > 3 else "")
+        _log.warning("%d images have no partner of the other camera and are left out: %s", len(lone), shown)
 
 
 def _places(path: str, side: str) -> Iterator[tuple[int, int]]:

@@ -177,18 +177,20 @@ def process(system: ExpertSystem, item: BatchItem, out: Path, settings: Settings
         spent = time.perf_counter() - start
         return Outcome(item.name, status, reason, inputs, mark, seconds=spent, cpu_s=time.process_time() - cpu)
 
-    inputs, mark = inputs_digest(item), stamp(item)
+    inputs, mark = "", stamp(item)
+    loaded = False
     try:
+        inputs = inputs_digest(item)
         pair = _load(item)
-    except (FormatError, PairError) as error:
-        return ended("unreadable", str(error))
-    try:
+        loaded = True
         result = system.reconstruct(pair)
         datum = None if item.stated.datum_deg is None else Datum(*item.stated.datum_deg)
         result.save(out, html=settings.html, products=settings.products, datum=datum)
-    except FormatError as error:
-        return ended("error", str(error))
+    except (FormatError, PairError) as error:
+        return ended("error" if loaded else "unreadable", str(error))
     except OSError as error:
+        if not loaded:
+            return ended("unreadable", f"{error.filename or item.left} cannot be read ({error.strerror})")
         return ended("error", str(unwritable(error.filename or out, error)))
     except MemoryError:
         return ended(

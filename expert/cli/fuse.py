@@ -41,6 +41,11 @@ def fuse(
     names = DEFAULT_PRODUCTS if products is None else tuple(name.strip() for name in products.split(","))
     chosen, place = check_products((*names, "layers.npz")), stated_datum(datum)
     by_name = {folder.resolve().name: folder for folder in folders}
+    if len(by_name) < len(folders):
+        raise UsageError(
+            "two folders have one name, by which the pose file would mean both "
+            f"({', '.join(map(str, folders))}); rename one of them"
+        )
     stamped = read_poses(poses)
     lacking = sorted(set(by_name) - {item.name for item in stamped})
     if lacking:

@@ -2,15 +2,18 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from expert import ExpertSystem, StereoPair
 from expert.cli import main
+from expert.sequence import View, fuse
 from modules.formats import read_layers
 from modules.formats.simulation import write_rendered_pair
 from modules.simulation import TerrainParams, render_terrain
-from modules.types import Views
+from modules.types import Pose, Views
 
 HEAD = "name,time_s,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg\n"
 
@@ -66,6 +69,29 @@ def test_a_sequence_becomes_one_map_that_agrees_with_the_terrain(sequence, tmp_p
     }
     first = json.loads((tmp_path / "map" / "decisions" / "0000.json").read_text())
     assert "plans" in str(first.keys())
+
+
+def test_a_last_view_without_content_leaves_the_map_its_slopes(sequence):
+    folder, _ = sequence
+    pairs = [StereoPair.load(folder / f"view{k}/left.png", folder / f"view{k}/right.png",
+                             calibration=folder / f"view{k}/calibration.yaml") for k in (0, 1)]  # fmt: skip
+    black = np.zeros_like(pairs[1].left)
+    views = [View(pairs[0], Pose(), 0.0), View(replace(pairs[1], left=black, right=black), Pose(), 1.0)]
+    alone, both = (fuse(ExpertSystem(engine="compiled"), views[:count], cell_m=0.1) for count in (1, 2))
+    assert len(both.skipped) == 1
+    assert set(both.elevation.layers) == set(alone.elevation.layers)
+    assert "slope_deg" in both.elevation.layers
+
+
+def test_two_folders_of_one_name_are_refused(sequence, tmp_path, monkeypatch, capsys):
+    folder, _ = sequence
+    other = tmp_path / "view0"
+    other.mkdir()
+    assert (
+        run(monkeypatch, "fuse", folder / "view0", other, "--poses", folder / "poses.csv", "--out", tmp_path / "map")
+        == 2
+    )
+    assert "two folders have one name" in capsys.readouterr().err
 
 
 def test_a_folder_without_a_pose_is_refused_before_any_work(sequence, tmp_path, monkeypatch, capsys):

@@ -19,6 +19,7 @@ import pytest
 from expert.batch import Batch, ChangedSettings, Outcome, RunLog, Settings, Stated, find_pairs
 from expert.batch.page import drifts, write_page
 from expert.batch.run import alone
+from expert.batch.work import process
 from modules.formats import FormatError
 from tests.expert.batch.conftest import write_pair
 
@@ -90,6 +91,42 @@ def test_an_unreadable_pair_is_recorded_and_the_batch_goes_on(source: Path, tmp_
     assert [status for _, status in rows(tmp_path / "out")] == ["unreadable", "disparity_only", "disparity_only"]
     assert batch.plan().todo == ()
     assert [reason for _, reason in batch.plan(retry=True).todo] == ["failed before"]
+
+
+def test_products_of_an_earlier_input_do_not_stay_beside_its_failure(source: Path, tmp_path: Path) -> None:
+    batch = run(source, tmp_path / "out")
+    (source / "left_1.png").write_bytes(b"no image")
+    batch.run(batch.plan())
+    assert dict(rows(tmp_path / "out"))["1"] == "unreadable"
+    assert sorted(path.name for path in (tmp_path / "out" / "pairs").iterdir()) == ["0", "2"]
+
+
+def test_repaired_rules_bring_back_the_pairs_that_they_broke(source: Path, tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(
+        "rules:\n  - {id: RIG001, name: a-window-out-of-range, stage: matching, when: [{fact: image_format, as: i}],\n"
+        "     then: [{set: matching.semi_global_match, parameter: window_px, to: {field: i.width_px}, score: 0.99}],\n"
+        "     because: a formula that goes wrong, references: [a test]}\n"
+    )
+    run(source, tmp_path / "out", replace(FAST, rules=(str(tmp_path / "rig.yaml"),)))
+    assert {status for _, status in rows(tmp_path / "out")} == {"error"}
+    plan = Batch(find_pairs(source), tmp_path / "out", FAST).plan()
+    assert [reason for _, reason in plan.todo] == ["failed before"] * 3
+
+
+def test_memory_that_does_not_suffice_for_reading_costs_its_pair_only(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = Path.read_bytes
+
+    def short(path: Path) -> bytes:
+        if path.name == "left_1.png":
+            raise MemoryError
+        return read(path)
+
+    monkeypatch.setattr(Path, "read_bytes", short)
+    found = [process(FAST.system(), item, tmp_path / item.name, FAST) for item in find_pairs(source)]
+    assert [outcome.status for outcome in found] == ["disparity_only", "error", "disparity_only"]
+    assert "raise --memory-limit" in found[1].reason
 
 
 def test_hanging_crashing_and_failing_operators_cost_one_pair_each(misbehaving: Path, tmp_path: Path) -> None:

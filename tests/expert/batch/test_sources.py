@@ -64,6 +64,32 @@ def test_own_patterns_pair_by_what_the_star_stands_for(tmp_path: Path) -> None:
         find_pairs(tmp_path, ("L/x.png", "R/y*.png"))
 
 
+def test_results_in_the_source_are_no_pairs(tmp_path: Path) -> None:
+    touch(tmp_path, "day/left.png", "day/right.png")
+    touch(
+        tmp_path,
+        "day/out/.terrex",
+        "day/out/decision.json",
+        "day/out/left_corrected.png",
+        "day/out/right_corrected.png",
+    )
+    touch(
+        tmp_path, "results/run.sqlite", "results/pairs/day/left_corrected.png", "results/pairs/day/right_corrected.png"
+    )
+    assert [item.name for item in find_pairs(tmp_path)] == ["day"]
+
+
+def test_no_pair_is_dropped_for_its_name(tmp_path: Path) -> None:
+    touch(tmp_path, "a_left.png", "a_right.png", "left_a.png", "right_a.png")
+    assert sorted(item.name for item in find_pairs(tmp_path)) == ["a", "left_a"]
+
+
+def test_an_image_without_its_other_one_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    touch(tmp_path, "left_1.png", "right_1.png", "left_2.png", "map.png")
+    assert [item.name for item in find_pairs(tmp_path)] == ["1"]
+    assert "1 images have no partner of the other camera and are left out: 'left_2.png'" in caplog.text
+
+
 def test_a_loop_of_links_ends(tmp_path: Path) -> None:
     touch(tmp_path, "a/left.png", "a/right.png")
     os.symlink(tmp_path, tmp_path / "a" / "loop")
