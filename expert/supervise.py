@@ -329,9 +329,13 @@ class Run:
     def _keep(self, stage: Stage, attempts: list[Attempt]) -> Any:
         if not attempts:
             return None
-        best = max(attempts, key=lambda attempt: (attempt.score or 0.0, -attempt.number))
+        faults = {attempt.number: self._faults(stage, attempt) for attempt in attempts}
+        # Of equal scores the one that rules find less wrong with, and then the earlier one.
+        best = max(attempts, key=lambda item: (item.score or 0.0, -len(faults[item.number]), -item.number))
         if all(attempt.score is None for attempt in attempts):
-            best = attempts[-1]  # nothing compares them, and the rules asked for the last one
+            # Nothing compares them, and the rules asked for the last one; what ruins the product is no repair.
+            sound = [attempt for attempt in attempts if "critical" not in faults[attempt.number]]
+            best = (sound or attempts)[-1]
         self.trials = [
             record.model_copy(update={"kept": True})
             if (record.stage, record.number) == (stage, best.number)
@@ -343,6 +347,10 @@ class Run:
         self.concluded[stage], self.plans[stage], self.product_facts[stage] = best.assessed, best.plan, best.found
         self.asked[stage] = best.directives
         return best.product
+
+    def _faults(self, stage: Stage, attempt: Attempt) -> list[str]:
+        """Return the severities of what rules found about a trial."""
+        return [record.severity for record in finding_records(self.knowledge.rules.base, {stage: attempt.assessed})]
 
     def _extend(self, directives: Directives, assessed: Firings) -> Directives:
         found = proposals(self.knowledge.by_id, assessed.firings, self.knowledge.operators, (Repair,))

@@ -62,6 +62,7 @@ class World:
     broken: set[str] = field(default_factory=set)
     log: list[str] = field(default_factory=list)
     depth_fails: bool = False
+    unscored: bool = False
 
     def operator(self, name: str, slot: str) -> Operator:
         def work(state: str, params: Params) -> str:
@@ -86,7 +87,7 @@ class World:
             return [Depth(value=5.0)]
 
         def quality(product: str) -> list[FactModel]:
-            return [Quality(score=self.scores.get(product, 0.1))]
+            return [] if self.unscored else [Quality(score=self.scores.get(product, 0.1))]
 
         probes = [
             Probe("measurement.bright", (Bright,), lambda _: [Bright(value=100.0)], "cheap", "pair", "Cheap"),
@@ -309,6 +310,14 @@ def test_equal_scores_keep_the_earlier_trial() -> None:
     assert matched(run) == "pair>plain1"
 
 
+def test_of_equal_scores_the_trial_that_rules_find_less_wrong_with_is_kept() -> None:
+    world = World(scores={"pair>plain1": 0.4, "pair>fine1": 0.4})
+    run = world.run(
+        {"stage": "matching", "when": [POOR, FIRST], "then": [{"assess": "poor"}, {"repair": "matching.fine"}]}
+    )
+    assert matched(run) == "pair>fine1"
+
+
 def test_no_configuration_is_run_twice() -> None:
     world = World()
     run = world.run({"stage": "matching", "when": [POOR], "then": [{"repair": "matching.plain", "with": {"level": 1}}]})
@@ -327,6 +336,17 @@ def test_trials_end_at_the_cap_even_if_the_rules_never_do() -> None:
     matched(run)
     assert len(run.trials) == MAX_TRIALS
     assert len(set(world.log)) == len(world.log) == MAX_TRIALS
+
+
+def test_of_trials_without_a_score_the_last_one_that_is_of_use_is_kept() -> None:
+    world = World(unscored=True)
+    ruined = {"fact": "trial", "field": "number", "op": "eq", "value": 2}
+    run = world.run(
+        {"stage": "matching", "when": [FIRST], "then": [{"repair": "matching.fine"}]},
+        {"stage": "matching", "when": [ruined], "then": [{"assess": "poor", "severity": "critical"}]},
+    )
+    assert matched(run) == "pair>plain1"
+    assert not run.critical()
 
 
 def test_an_earlier_stage_is_repaired_and_run_again() -> None:
