@@ -85,12 +85,26 @@ def _names(findings: frozenset[tuple[str, str]]) -> tuple[str, ...]:
     return tuple(f"{name} ({severity})" for name, severity in sorted(findings))
 
 
+def _of_budgets(replan: Replan, wanted: list[Override]) -> list[str]:
+    """Say what the record cannot answer about time: costs are predicted while deciding, and only where a budget is."""
+    predicted = any(fact.template == "cost" for fact in replan.facts)
+    task = {item.field for item in wanted if item.template == "task"}
+    if "time_budget_s" in task and not predicted:
+        return ["no costs were predicted without a time budget, so no rule about it can fire; decide again with one"]
+    if predicted and (
+        "machine_speed" in task or {item.template for item in wanted} & {"image_format", "disparity_range"}
+    ):
+        return ["the predicted costs were kept as recorded, though they follow from this; decide again to know"]
+    return []
+
+
 def _notes(replan: Replan, wanted: list[Override], before: Outcome, after: Outcome) -> tuple[str, ...]:
     notes = [
         f"the record has no fact {item.template}; one with only this field was assumed"
         for item in wanted
         if not any(item.applies(fact) for fact in replan.facts)
     ]
+    notes += _of_budgets(replan, wanted)
     for stage, plan in before.plans.items():
         recorded = replan.decision.plans.get(stage)
         if recorded is not None and recorded.configuration() != plan.configuration():

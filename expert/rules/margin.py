@@ -6,6 +6,7 @@ Meant for the few facts of a case, not for inference.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -69,8 +70,20 @@ class Judge:
             item.name: item.fact for item in conditions if isinstance(item, Comparison) and item.name not in outer
         }
         choices = [[fact for fact in self._facts if fact.template == template] for template in wanted.values()]
+        if math.prod(map(len, choices)) > MAX_BINDINGS:
+            choices = [self._alone(name, facts, conditions) for name, facts in zip(wanted, choices, strict=True)]
         for combination in itertools.islice(itertools.product(*choices), MAX_BINDINGS):
             yield {**outer, **dict(zip(wanted, combination, strict=True))}
+
+    def _alone(self, name: str, facts: list[Fact], conditions: Sequence[Condition]) -> list[Fact]:
+        """Return the facts that satisfy what is asked of one alias alone; all of them where none does."""
+        asked = [
+            item
+            for item in conditions
+            if isinstance(item, Comparison) and item.name == name and operand_aliases(item.value) <= {name}
+        ]
+        found = [fact for fact in facts if all(self._evaluator.comparison(item, {name: fact}) for item in asked)]
+        return found or facts
 
     def _some(self, conditions: Sequence[Condition], outer: Bindings) -> bool:
         return any(all(self.holds(item, bound) for item in conditions) for bound in self._bindings(conditions, outer))

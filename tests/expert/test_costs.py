@@ -20,7 +20,7 @@ def predicted(known: list[Fact], speed: float = 1.0, pixels: int = PIXELS) -> di
     return {str(fact.get("step")): fact.numbers["cpu_s"] for fact in costs.facts(known)}
 
 
-def decided(budget: float, speed: float = 1.0) -> Decision:
+def decided(budget: float | None, speed: float = 1.0) -> Decision:
     system = ExpertSystem(engine="compiled", time_budget_s=budget, machine_speed=speed)
     return system.decide(shifted_pair(disparity_range_px=(0, 24)))
 
@@ -80,10 +80,24 @@ def test_a_faster_machine_does_more_in_the_same_time() -> None:
 
 
 def test_the_predicted_costs_stand_in_the_record_and_decide_again() -> None:
-    decision = decided(0.05)
+    decision = decided(0.05, speed=0.125)
     steps = {fact.fields["step"] for fact in decision.facts if fact.template == "cost"}
     assert {ALWAYS, "matching.block_match"} <= steps
-    assert decision.what_if({"task.time_budget_s": 60.0}).text() != ""
+    assert (
+        "matching.block_match (MAT012) -> matching.semi_global_match"
+        in decision.what_if({"task.time_budget_s": 60.0}).text()
+    )
+
+
+def test_a_question_about_time_that_the_record_cannot_answer_is_told() -> None:
+    assert "were kept as recorded" in decided(5.0).what_if({"task.machine_speed": 0.125}).text()
+    assert "no costs were predicted" in decided(None).what_if({"task.time_budget_s": 0.02}).text()
+
+
+def test_why_not_names_the_limit_of_a_budget() -> None:
+    answer = decided(5.0).why_not("MEA086").text()
+    assert "the time_budget_s of task (called t) is below" in answer
+    assert "measured 5 s" in answer
 
 
 def test_speeds_are_told_in_eighths() -> None:
