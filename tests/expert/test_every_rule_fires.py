@@ -176,6 +176,7 @@ def misplaced_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision
     yield system.reconstruct(replace(right, attitude=negated)).decision
     for change in ({"baseline_m": 0.15}, {"doffs_px": -7.0}):
         yield system.reconstruct(replace(right, calibration=replace(made.calibration, **change))).decision
+    yield system.decide(StereoPair(*plane(texture(1), 12)[::-1], calibration=replace(CAMERA, doffs_px=4.0)))
     wall = StereoPair(*plane(texture(1), 12), calibration=replace(CAMERA, baseline_m=0.4), attitude=Attitude())
     yield system.reconstruct(wall).decision
     yield system.reconstruct(house_before_a_yard()).decision
@@ -262,6 +263,10 @@ def sequence_decisions(system: ExpertSystem) -> Iterator[Decision]:
     for shift in (15, 16, 17, 18, 40):
         nearer = StereoPair(left, plane(texture(1), shift)[1])
         yield system.reconstruct(nearer, previous=first).decision
+    near = system.reconstruct(StereoPair(left, plane(texture(1), 30)[1])).decision
+    for shift in (29, 28, 26, 24, 20):
+        farther = StereoPair(left, plane(texture(1), shift)[1])
+        yield system.reconstruct(farther, previous=near).decision
     hidden = right.copy()
     hidden[:, 160:] = texture(8)[:, : WIDTH - 160]
     yield system.reconstruct(StereoPair(left, hidden), previous=first).decision
