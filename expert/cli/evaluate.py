@@ -92,6 +92,8 @@ def evaluate(
     systems: list[System] = [*own, *picked, *_chosen(fixed_grid(), only), *peers]
     _run(cases, systems, store, jobs)
     table = Table.of(store.rows({system.name: system.digest() for system in systems}), [s.name for s in systems])
+    if not len(table):
+        raise UsageError("no pair has results of all the systems, so nothing can be compared; see what was left out")
     summary = summarise(table, [base.name, *(item.name for item in picked)] if picked else [])
     effects = _ablated(left_out, base, cases, store, jobs)
     write_text(out / "evaluation.html", as_html(summary, effects))

@@ -99,7 +99,8 @@ def evaluate_each(
         problems += found
         finished += len(part.items)
         progress(finished, total)
-    return RunReport(planned, sum(len(cases) for _, cases in wanted) - planned, tuple(problems))
+    kept = sum(len(cases) for _, cases in wanted) - planned
+    return RunReport(len(store.done()) - len(done), kept, tuple(problems))
 
 
 def _each(parts: Sequence[Work], jobs: int) -> Iterator[tuple[Work, list[str]]]:

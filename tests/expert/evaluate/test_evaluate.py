@@ -119,6 +119,7 @@ def test_a_pair_that_cannot_be_read_is_left_out_and_named(data: Path, tmp_path: 
     store = Store(tmp_path / "out" / "results.sqlite")
     report = evaluate(expand(list_pairs(tmp_path), parse_variants(["clean"])), [fixed_grid()["block-15"]], store)
     assert len(report.problems) == 1
+    assert (report.run, report.kept) == (1, 0)
     assert report.problems[0].startswith("tiny/two|clean|0: ")
     assert len(store.rows()) == 1
 
@@ -191,6 +192,18 @@ def test_wrong_usage_is_named(
 ) -> None:
     assert run_command(monkeypatch, *words, "--out", str(tmp_path)) == 2
     assert capsys.readouterr().err.strip() == said
+
+
+def test_an_evaluation_in_which_nothing_could_be_run_says_so(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "pairs").mkdir()
+    (tmp_path / "pairs" / "INDEX.json").write_text((data / "INDEX.json").read_text())
+    words = [str(tmp_path / "pairs"), "--variants", "clean", "--profile", "fast", "--only", "block-15"]
+    assert run_command(monkeypatch, *words, "--out", str(tmp_path / "out")) == 2
+    said = capsys.readouterr().err
+    assert "0 results new" in said
+    assert "no pair has results of all the systems" in said
 
 
 def test_two_evaluations_are_compared_by_their_last_results(
