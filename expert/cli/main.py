@@ -60,13 +60,25 @@ def run(
     expert = system.system(vehicle, budgets)
     with _progress() as progress:
         result = expert.reconstruct(seen, progress=progress, previous=earlier)
+    before = _decision_of(out)
     result.save(out, products=chosen, datum=place)
     typer.echo(as_summary(result.decision), nl=False)
     typer.echo(
         f"\nall facts, rules and answers to 'why not?': report.html, or terrex report --text {out}\nwritten to {out}"
+        + ("" if before in (None, result.decision.id) else f", in the place of decision {before}")
     )
     if not result.reconstructed:
         raise typer.Exit(1)
+
+
+def _decision_of(out: Path) -> str | None:
+    """Return the id of the decision whose results a folder holds; None where it holds none that can be read."""
+    from expert.decision import Decision
+
+    try:
+        return Decision.from_json((out / "decision.json").read_text(encoding="utf-8")).id
+    except (OSError, ValueError):
+        return None
 
 
 @app.command()
