@@ -98,7 +98,9 @@ def distort(views: Views, distortion: Distortion, seed: int) -> Views:
     which one column and one row in 200 are at half brightness.
     """
     if isinstance(distortion, Both):
-        noisy = [apply_sensor(image, distortion.sensor, seed + k) for k, image in ((1000, views.left), (0, views.right))]
+        noisy = [
+            apply_sensor(image, distortion.sensor, seed + k) for k, image in ((1000, views.left), (0, views.right))
+        ]
         return views.with_images(*noisy)
     if isinstance(distortion, float):
         return views.with_images(views.left, stick(views.right, distortion, seed))
