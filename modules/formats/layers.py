@@ -19,8 +19,16 @@ from modules.types import ElevationMap, Hazard
 
 PREFIX = "layer_"
 COMPRESSION = 1  # half the time of the usual 6, and files 3 % larger
-GRID_MAP_NAMES = {"roughness_m": "roughness", "step_m": "step_height", "count": "num_points", "age_s": "age"}
-"""Names that layers have in grid_map and the packages around it, where they differ."""
+GRID_MAP_NAMES = {
+    "roughness_m": "roughness",  # filters_demo_filter_chain.yaml of grid_map_demos, as slope and traversability
+    "step_m": "step_height",  # StepFilter.cpp of traversability_estimation_filters
+    "normal_x": "normal_vectors_x",  # the prefix of the filter chains of grid_map_demos and elevation_mapping_demos
+    "normal_y": "normal_vectors_y",
+    "normal_z": "normal_vectors_z",
+}
+"""Names that layers have in the packages around grid_map, where they differ and nothing but the name does."""
+BOUND_SIGMA = 2.0
+"""Between the elevation and its bounds; ElevationMap.cpp of elevation_mapping."""
 
 
 def write_layers(path: Path | str, grid: ElevationMap) -> None:
@@ -101,17 +109,24 @@ def write_grid_map(path: Path | str, grid: ElevationMap) -> None:
     """Write the layers as a `grid_map` holds them: float32 matrices whose index (0, 0) is the cell of largest x and y.
 
     Rows run along falling x, columns along falling y, storage is column-major, NaN is unknown. `info` is a JSON text of
-    the message `grid_map_msgs/GridMap` without its data: `info` (header, resolution, length_x, length_y and the pose of
-    the map's centre), `layers`, `basic_layers`, the start indices, and the `layout` of each `Float32MultiArray`, whose
-    data are the matrix in the order in which it is stored. Slopes are in radians, and `variance` is that of the
-    elevation.
+    the ROS 2 message `grid_map_msgs/GridMap` without its data: `header`, `info` (resolution, length_x, length_y and the
+    pose of the map's centre), `layers`, `basic_layers`, the start indices, and the `layout` of each
+    `Float32MultiArray`, whose data are the matrix in the order in which it is stored. (ROS 1 has `header` in `info`.)
+
+    Layers have the names that the packages around grid_map read: `elevation`; `variance` of the elevation, m^2;
+    `lower_bound` and `upper_bound`, two standard deviations from it; `slope`, rad; `roughness` and `step_height`, m;
+    `normal_vectors_x`, `_y` and `_z`; `traversability`, 0 to 1 for safe. What has no name there keeps the one it has.
+    A cell is valid where `elevation` is: a filled cell without an uncertainty has no bounds, but a height.
 
     References
     ----------
     P. Fankhauser and M. Hutter, "A Universal Grid Map Library: Implementation and Use Case for Rough Terrain
     Navigation", Robot Operating System (ROS), Springer, 2016. Read in the sources of ANYbotics/grid_map:
     `grid_map_msgs/msg/GridMap.msg` and `GridMapInfo.msg` (fields), `grid_map_core/src/GridMapMath.cpp` (position of an
-    index), `grid_map_ros/GridMapMsgHelpers` (layout: `column_index` outside, `row_index` inside).
+    index), `grid_map_ros/GridMapMsgHelpers` (layout: `column_index` outside, `row_index` inside),
+    `grid_map_demos/config/filters_demo_filter_chain.yaml` (slope as the arc cosine of the normal's z, roughness,
+    traversability); of ANYbotics/elevation_mapping: `ElevationMap.cpp` (`variance` of the raw map, bounds of the fused
+    one); of leggedrobotics/traversability_estimation: `StepFilter.cpp`.
 
     Raises
     ------
@@ -123,8 +138,8 @@ def write_grid_map(path: Path | str, grid: ElevationMap) -> None:
     length_x, length_y = columns * grid.cell_m, rows * grid.cell_m
     centre = {"x": grid.x0_m + 0.5 * length_x, "y": grid.y0_m + 0.5 * length_y, "z": 0.0}
     message = {
+        "header": {"frame_id": grid.frame},
         "info": {
-            "header": {"frame_id": grid.frame},
             "resolution": grid.cell_m,
             "length_x": length_x,
             "length_y": length_y,
@@ -152,7 +167,8 @@ def _renamed(grid: ElevationMap) -> dict[str, NDArray[np.float32]]:
     for name, layer in grid.layers.items():
         values = np.asarray(layer).astype(np.float32)
         if name == "sigma_m":
-            found["variance"] = values**2
+            elevation, away = np.asarray(grid.layers["elevation"], np.float32), np.float32(BOUND_SIGMA) * values
+            found |= {"variance": values**2, "lower_bound": elevation - away, "upper_bound": elevation + away}
         elif name == "slope_deg":
             found["slope"] = values * np.float32(math.pi / 180.0)
         elif name in ("hazard", "limiting_hazard"):

@@ -269,42 +269,6 @@ def test_other_files_are_no_layers(tmp_path, content):
         f.read_layers(tmp_path / "l.npz")
 
 
-def test_grid_map_finds_every_cell_where_this_map_has_it(tmp_path):
-    elevation = grid()
-    f.write_grid_map(tmp_path / "g.npz", elevation)
-    with np.load(tmp_path / "g.npz") as file:
-        message = json.loads(str(file["info"]))
-        matrix, variance, slope = file["elevation"], file["variance"], file["slope"]
-        assert np.isnan(file["hazard"][np.isnan(matrix)]).all()
-    assert matrix.flags.f_contiguous
-    assert matrix.dtype == np.float32
-    assert matrix.shape == (40, 20)  # rows along x
-    info, centre = message["info"], message["info"]["pose"]["position"]
-    resolution = info["resolution"]
-    for i, j in ((0, 0), (5, 3), (39, 19), (12, 7)):
-        # The centre of index (i, j): half a map and half a cell from the middle, then i and j cells back.
-        x = centre["x"] + info["length_x"] / 2 - resolution / 2 - i * resolution
-        y = centre["y"] + info["length_y"] / 2 - resolution / 2 - j * resolution
-        row, column = int((y - elevation.y0_m) // 0.05), int((x - elevation.x0_m) // 0.05)
-        assert matrix[i, j] == elevation.layers["elevation"][row, column]
-    assert variance[0, 0] == pytest.approx(0.02**2)
-    assert np.nanmax(slope) == pytest.approx(math.radians(30.0))
-    assert message["basic_layers"] == ["elevation"]
-
-
-def test_the_layout_of_grid_map_finds_the_cells_in_the_stored_numbers(tmp_path):
-    f.write_grid_map(tmp_path / "g.npz", grid())
-    with np.load(tmp_path / "g.npz") as file:
-        message, matrix = json.loads(str(file["info"])), file["elevation"]
-    outer, inner = message["layout"]["dim"]
-    assert (outer["label"], inner["label"]) == ("column_index", "row_index")  # column-major, as Eigen stores it
-    assert (inner["size"], outer["size"]) == matrix.shape
-    assert outer["stride"] == matrix.size
-    data = matrix.ravel(order="K")  # what the message carries
-    for row, column in ((0, 0), (5, 3), (39, 19)):
-        np.testing.assert_equal(data[column * inner["stride"] + row], matrix[row, column])
-
-
 @pytest.mark.parametrize("kind", ["relief", "height", "slope", "traversability"])
 @pytest.mark.parametrize("shape", [(20, 40), (3, 200), (400, 300)])
 def test_pictures_show_forward_up_and_left_left(tmp_path, kind, shape):
