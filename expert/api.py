@@ -14,13 +14,14 @@ from expert.costs import Costs, measure_speed
 from expert.decision import Decision, Status
 from expert.engine import make_engine
 from expert.facts import Available, Fact, FactModel, MeasuredAttitude, Rig, StatedRover, Task, to_fact, vocabulary
+from expert.knowledge import Knowledge
 from expert.pair import StereoPair
 from expert.plan import Directives, StagePlan, StepFailed
 from expert.recorder import inputs_record, product_digests
 from expert.result import Result
 from expert.rules.load import load_rules
 from expert.rules.model import STAGES, RuleBase
-from expert.supervise import Knowledge, Measured, Run
+from expert.supervise import Measured, Run
 from expert.versions import versions
 from expert.warm import previous_pair, thumbnail
 from modules.catalog import operators, probes

@@ -70,6 +70,10 @@ class StagePlan(Record):
         """Return the operator that fills a slot."""
         return next((step.operator for step in self.steps if step.slot == slot), NONE)
 
+    def operators(self) -> tuple[str, ...]:
+        """Return the operators that do something."""
+        return tuple(step.operator for step in self.steps if step.operator != NONE)
+
     def configuration(self) -> tuple[tuple[str, str], ...]:
         """Return what would be run, comparable, to notice a configuration that was tried before."""
         return tuple((step.operator, repr(sorted(step.parameters.items()))) for step in self.steps)
@@ -114,10 +118,16 @@ class Directives(Record):
     candidates: dict[str, tuple[Candidate, ...]] = {}
     adjustments: tuple[Adjustment, ...] = ()
 
+    def of(self, stage: str) -> Directives:
+        """Return what is asked of one stage."""
+        return Directives(
+            candidates={slot: items for slot, items in self.candidates.items() if slot.split(".", 1)[0] == stage},
+            adjustments=tuple(step for step in self.adjustments if step.operator.split(".", 1)[0] == stage),
+        )
+
     def touch(self, stages: Sequence[str]) -> bool:
         """Return whether anything is asked of one of these stages."""
-        asked = [*self.candidates, *(step.operator for step in self.adjustments)]
-        return any(name.split(".", 1)[0] in stages for name in asked)
+        return any(self.of(stage) != Directives() for stage in stages)
 
     def joined(self, later: Directives) -> Directives:
         """Return what these and later directives ask for together, everything once."""

@@ -11,52 +11,25 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 from expert.costs import Costs
 from expert.decision import FactRecord, FindingRecord, FiringRecord, TrialRecord
-from expert.facts import Fact, Vocabulary, to_fact, vocabulary
-from expert.firing import Engine, Firings
-from expert.plan import NONE, Directives, StagePlan, StepFailed, adjustments, execute, proposals, settle
+from expert.facts import Fact, to_fact
+from expert.firing import Firings
+from expert.knowledge import Knowledge
+from expert.plan import Directives, StagePlan, StepFailed, adjustments, execute, proposals, settle
 from expert.recorder import fact_record, finding_rank, finding_records, firing_records
-from expert.rules.load import LoadedRules
-from expert.rules.model import STAGES, Action, Exclude, Measure, Repair, Rule, Stage
-from expert.trials import Attempt, asks, given_up, planned_steps, trial_facts, trial_record
+from expert.rules.model import STAGES, Action, Exclude, Measure, Repair, Stage
+from expert.trials import Attempt, asks, failures, given_up, planned_steps, trial_facts, trial_record
 from modules.measurement.sample import Sample
-from modules.operator import Operator, OperatorError
+from modules.operator import OperatorError
 from modules.probe import FactModel, Probe, Subject
 
 log = logging.getLogger(__name__)
 
 MAX_TRIALS = 5  # per stage; the rules ask for fewer, by profile
 MAX_MEASURING_ROUNDS = 8
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    """What every pair is decided with."""
-
-    rules: LoadedRules
-    engine: Engine
-    operators: Mapping[str, Operator]
-    probes: Mapping[str, Probe]
-
-    @cached_property
-    def words(self) -> Vocabulary:
-        """Every template that rules may speak of."""
-        return vocabulary(self.probes.values())
-
-    @cached_property
-    def by_id(self) -> Mapping[str, Rule]:
-        """The rules in force."""
-        return {rule.id: rule for rule in self.rules.base.rules}
-
-    @cached_property
-    def leaves_out(self) -> bool:
-        """Whether some rule may leave a probe out."""
-        measuring = self.rules.base.of_stage("measurement")
-        return any(isinstance(action, Exclude) for rule in measuring for action in rule.then)
 
 
 Start = Callable[[Directives], Any]
@@ -80,7 +53,9 @@ class Run:
     concluded: dict[Stage, Firings] = field(default_factory=dict)
     plans: dict[Stage, StagePlan] = field(default_factory=dict)
     product_facts: dict[Stage, Mapping[Fact, str | None]] = field(default_factory=dict)
-    asked: dict[Stage, Directives] = field(default_factory=dict)  # of the kept trial of each stage
+    kept: dict[Stage, Attempt] = field(default_factory=dict)
+    failed: dict[Stage, frozenset[str]] = field(default_factory=dict)  # operators that are excluded since they failed
+    _made: dict[Any, Attempt] = field(default_factory=dict)  # what was run on request of a later stage
     trials: list[TrialRecord] = field(default_factory=list)
     timings_s: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -211,10 +186,14 @@ class Run:
     # Planning and running
 
     def plan(
-        self, stage: Stage, directives: Directives | None = None, failed: frozenset[str] = frozenset()
+        self,
+        stage: Stage,
+        directives: Directives | None = None,
+        failed: frozenset[str] = frozenset(),
+        number: int = 1,
     ) -> StagePlan:
-        """Infer and settle one stage without running anything; `failed` operators are facts, and excluded."""
-        result = self.infer(stage, trial_facts(stage, 1, failed))
+        """Infer and settle a trial of one stage without running it; `failed` operators are facts, and excluded."""
+        result = self.infer(stage, trial_facts(stage, number, failed))
         plan = self._settle(stage, result, directives or Directives(), failed)
         self.concluded[stage], self.plans[stage] = result, plan
         return plan
@@ -262,7 +241,7 @@ class Run:
         tried: set[Any] = set()
         attempts: list[Attempt] = []
         for number in range(1, MAX_TRIALS + 1):
-            again = self._again(earlier, directives)
+            again = self._again(earlier, directives, attempts[-1].directives if attempts else Directives())
             if again and not self._affords(*again, attempts[-1].plan):
                 break
             try:
@@ -283,7 +262,9 @@ class Run:
                 product = self.execute(plan, state)
             except StepFailed as error:
                 self.record_failure(plan, number, error)
-                failed |= {error.operator}
+                if any(error.operator in attempt.plan.operators() for attempt in attempts):
+                    break  # it works, but not as the repair asked
+                self.failed[stage] = failed = failed | {error.operator}
                 self.concluded[stage] = result
                 continue
             found, assessed = self.assess(stage, extra, subject, product, result)
@@ -301,9 +282,10 @@ class Run:
             directives = extended
         return self._keep(stage, attempts)
 
-    def _again(self, earlier: Sequence[Stage], directives: Directives) -> list[StagePlan]:
-        """Return the plans that directives ask to run again: from the first earlier stage that they touch on."""
-        first = next((i for i, name in enumerate(earlier) if directives.touch((name,))), len(earlier))
+    def _again(self, earlier: Sequence[Stage], directives: Directives, before: Directives) -> list[StagePlan]:
+        """Return the plans that directives ask to run again: from the first earlier stage of which they ask more."""
+        changed = (i for i, name in enumerate(earlier) if directives.of(name) != before.of(name))
+        first = next(changed, len(earlier))
         return [self.plans[name] for name in earlier[first:] if name in self.plans]
 
     def _affords(self, *plans: StagePlan) -> bool:
@@ -345,7 +327,7 @@ class Run:
         for name, (concluded, plan, found) in best.earlier.items():
             self.concluded[name], self.plans[name], self.product_facts[name] = concluded, plan, found
         self.concluded[stage], self.plans[stage], self.product_facts[stage] = best.assessed, best.plan, best.found
-        self.asked[stage] = best.directives
+        self.kept[stage] = best
         return best.product
 
     def _faults(self, stage: Stage, attempt: Attempt) -> list[str]:
@@ -361,45 +343,35 @@ class Run:
     def run_again(self, stage: Stage, subject: Subject | None, directives: Directives, start: Start) -> Any:
         """Run an earlier stage once more, as a later one asks, on top of what its own trials had asked for.
 
+        What was run so before is not run again.
+
         Raises
         ------
         StepFailed
             An operator could not do its work.
         """
-        both = self.asked.get(stage, Directives()).joined(directives)
+        kept, failed = self.kept[stage], self.failed.get(stage, frozenset())
+        both = kept.directives.joined(directives)
         state = start(both)
-        plan = self.plan(stage, both)
-        product = self.execute(plan, state)
-        extra = trial_facts(stage, 1, frozenset())
-        planned = self.concluded[stage]
-        self.product_facts[stage], self.concluded[stage] = self.assess(stage, extra, subject, product, planned)
-        return product
+        plan = self.plan(stage, both, failed, kept.number)
+        so_far = STAGES[: STAGES.index(stage) + 1]
+        key = tuple(self.plans[name].configuration() for name in so_far if name in self.plans)
+        if key not in self._made:
+            product = self.execute(plan, state)
+            extra = trial_facts(stage, kept.number, failed)
+            found, assessed = self.assess(stage, extra, subject, product, self.concluded[stage])
+            self._made[key] = Attempt(kept.number, plan, product, found, assessed, {}, both)
+        made = self._made[key]
+        self.product_facts[stage], self.concluded[stage] = made.found, made.assessed
+        return made.product
 
     # The record
 
     def findings(self) -> tuple[FindingRecord, ...]:
         """Return the findings, the most severe first."""
         derived = finding_records(self.knowledge.rules.base, self.concluded)
-        return tuple(sorted([*derived, *self._failures(), *self.given_up], key=finding_rank))
-
-    def _failures(self) -> list[FindingRecord]:
-        """Return a finding per operator that failed: minor where another one fills its slot, else major."""
-        return [
-            FindingRecord(
-                name="operator-failed",
-                severity="minor" if self._answered(record) else "major",
-                sentence=f"an operator could not do its work - {record.failure}",
-                rules=(),
-                stage=record.stage,
-            )
-            for record in self.trials
-            if record.failure is not None
-        ]
-
-    def _answered(self, record: TrialRecord) -> bool:
-        failed, _, _ = (record.failure or "").partition(":")
-        plan = self.plans.get(record.stage)
-        return plan is not None and plan.operator_of(self.knowledge.operators[failed].slot) not in (NONE, failed)
+        failed = failures(self.trials, self.plans, self.knowledge.operators)
+        return tuple(sorted([*derived, *failed, *self.given_up], key=finding_rank))
 
     def critical(self) -> bool:
         """Whether a finding says that the pair cannot be reconstructed."""

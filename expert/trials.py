@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from expert.decision import FindingRecord, TrialRecord
-from expert.facts import Fact, Failure, Planned, Vocabulary, to_fact
+from expert.facts import Fact, Failure, Planned, Severity, Vocabulary, to_fact
 from expert.facts import Trial as TrialFact
 from expert.firing import Firings
-from expert.plan import Directives, StagePlan
+from expert.plan import NONE, Directives, StagePlan
 from expert.recorder import fact_record
 from expert.rules.model import Stage
+from modules.operator import Operator
 from modules.probe import FactModel
 
 Earlier = tuple[Firings, StagePlan, Mapping[Fact, str | None]]
@@ -79,3 +80,24 @@ def given_up(stage: Stage, needed_s: float, left_s: float, budget_s: float) -> F
         f"{max(left_s, 0.0):.2f} s of the time budget of {budget_s:g} s are left"
     )
     return FindingRecord(name="trial-given-up", severity="minor", sentence=sentence, rules=(), stage=stage)
+
+
+def failures(
+    trials: Sequence[TrialRecord], plans: Mapping[Stage, StagePlan], operators: Mapping[str, Operator]
+) -> list[FindingRecord]:
+    """Return a finding per operator that failed: minor where its slot is filled all the same, else major."""
+    kept = {record.stage for record in trials if record.kept}
+    found = []
+    for record in trials:
+        if record.failure is None:
+            continue
+        failed, _, _ = record.failure.partition(":")
+        plan = plans.get(record.stage)
+        fills = NONE if plan is None else plan.operator_of(operators[failed].slot)
+        answered = fills != NONE and (fills != failed or record.stage in kept)  # the same one with other parameters
+        sentence = f"an operator could not do its work - {record.failure}"
+        severity: Severity = "minor" if answered else "major"
+        found.append(
+            FindingRecord(name="operator-failed", severity=severity, sentence=sentence, rules=(), stage=record.stage)
+        )
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 
 from expert.decision import Decision, FactRecord
@@ -77,9 +78,10 @@ def facts_of_stage(decision: Decision, stage: Stage) -> list[Fact]:
 
 
 def failed_operators(decision: Decision, stage: Stage) -> list[str]:
-    """Return the operators that failed in trials of a stage."""
-    failures = [trial.failure for trial in decision.trials if trial.stage == stage and trial.failure is not None]
-    return sorted({failure.partition(":")[0] for failure in failures})
+    """Return the operators that had failed in trials of a stage before the kept one, which goes without them."""
+    mine = [trial for trial in decision.trials if trial.stage == stage]
+    before = itertools.takewhile(lambda trial: not trial.kept, mine)
+    return sorted({trial.failure.partition(":")[0] for trial in before if trial.failure is not None})
 
 
 def kept_trial(decision: Decision, stage: Stage) -> int:

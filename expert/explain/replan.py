@@ -6,7 +6,7 @@ A probe that is run only when a rule asks gives its recorded facts when a rule a
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -123,12 +123,12 @@ class Replan:
         PlanError
             The facts give a parameter outside its range.
         """
-        again = any(trial.stage == "matching" and trial.number > 1 for trial in self.decision.trials)
-        last: Stage = "matching" if again and until == "correction" else until
+        tried = [trial.stage for trial in self.decision.trials if trial.number > 1]
+        last = max([until, *tried], key=STAGES.index)
         course = _Course(self, overrides)
         course.go_to(last)
-        if course.reaches_back():  # a trial of the matching asked for another correction: start again with its wishes
-            course = _Course(self, overrides, course.asked_of_correction)
+        while course.reaches_back():  # a later stage asked for something of an earlier one: start again with its wishes
+            course = _Course(self, overrides, course.wanted)
             course.go_to(last)
         return Outcome(
             course.plans,
@@ -181,10 +181,12 @@ class Replan:
 class _Course:
     """One way through the stages."""
 
-    def __init__(self, replan: Replan, overrides: Sequence[Override], wanted: Directives | None = None) -> None:
+    def __init__(
+        self, replan: Replan, overrides: Sequence[Override], known: Mapping[Stage, Directives] | None = None
+    ) -> None:
         self.replan, self.overrides = replan, overrides
-        self.wanted = wanted  # what trials of the matching ask for, where that is known already
-        self.asked_of_correction = Directives()
+        self.known = known or {}  # what the trials of stages ask for, as far as it is known from an earlier course
+        self.wanted: dict[Stage, Directives] = {}
         self.facts: set[Fact] = set(self.changed(replan._cheap))
         for item in overrides:
             if not any(item.applies(fact) for fact in replan.facts):
@@ -220,10 +222,12 @@ class _Course:
             self.go(stage)
 
     def reaches_back(self) -> bool:
-        """Say whether trials of the matching asked for something of the correction."""
-        asked = self.asked_of_correction
-        slots = any(slot.startswith("correction.") for slot in asked.candidates)
-        return slots or any(step.operator.startswith("correction.") for step in asked.adjustments)
+        """Say whether trials of a stage asked for something of an earlier one that this course did not know."""
+        return any(
+            asked.of(earlier) != self.known.get(stage, Directives()).of(earlier)
+            for stage, asked in self.wanted.items()
+            for earlier in STAGES[: STAGES.index(stage)]
+        )
 
     def go(self, stage: Stage) -> None:
         """Infer and settle one stage, and assess its product where the record has one."""
@@ -231,12 +235,12 @@ class _Course:
         if stage == "measurement":
             self.conclude(stage, self.infer(stage))
             return
-        directives, failed = self.wishes(stage)
-        if self.wanted is not None and stage in ("correction", "matching"):
-            directives = self.wanted
-        if stage == "matching":
-            self.asked_of_correction = directives
-        product = self.changed(replan._product.get(PRODUCT_OF.get(stage, ""), ()))
+        wanted, failed = self.wishes(stage)
+        self.wanted[stage] = wanted = self.known.get(stage, wanted)
+        directives = wanted
+        for later in STAGES[STAGES.index(stage) + 1 :]:
+            directives = directives.joined(self.known.get(later, Directives()))
+        product = self.changed(self.product(stage))
         extra = [to_fact(TrialFact(number=kept_trial(replan.decision, stage)))]
         extra += [to_fact(FailureFact(operator=name, stage=stage)) for name in sorted(failed)]
         result = self.infer(stage, extra)
@@ -247,6 +251,19 @@ class _Course:
         self.plans[stage] = plan
         self.conclude(stage, result)
         self.facts.update([*product, *planned_facts(plan)])
+
+    def product(self, stage: Stage) -> list[Fact]:
+        """Return the recorded facts about the product of a stage: of its own trials, or of a later one's that asked."""
+        asked = any(
+            items.of(name) != Directives()
+            for later, items in self.known.items()
+            if STAGES.index(later) > STAGES.index(stage)
+            for name in STAGES[: STAGES.index(stage) + 1]
+        )
+        kept = next((trial for trial in self.replan.decision.trials if trial.stage == stage and trial.kept), None)
+        if kept is not None and not asked:
+            return [fact_of(record) for record in kept.product_facts]
+        return self.replan._product.get(PRODUCT_OF.get(stage, ""), [])
 
     def wishes(self, stage: Stage) -> tuple[Directives, frozenset[str]]:
         """Return what the trials before the kept one asked for, and what failed in them."""

@@ -9,9 +9,10 @@ from expert.decision import Decision
 from expert.engine import make_engine
 from expert.explain import ExplainError, how, not_chosen, what_if, what_would_it_take, why_not
 from expert.facts import Fact, vocabulary
+from expert.knowledge import Knowledge
 from expert.recorder import inputs_record
 from expert.rules.load import load_rules
-from expert.supervise import Knowledge, Run
+from expert.supervise import Run
 from modules.catalog import operators, probes
 
 RULES = """version: 1

@@ -72,6 +72,40 @@ def test_the_replay_follows_a_trial_of_the_matching_back_to_the_correction(tmp_p
     assert decision.what_would_it_take("correction.normalise_local_contrast").already
 
 
+def test_the_replay_follows_a_trial_of_the_reconstruction_back_to_the_matching(tmp_path):
+    path = tmp_path / "back.yaml"
+    path.write_text(SPARSE.replace("MAT951", "REC951").replace("stage: matching", "stage: reconstruction"))
+    system = ExpertSystem(rules=[path], profile="balanced", engine="compiled")
+    decision = system.reconstruct(shifted_pair()).decision
+    assert decision.operator("matching.matcher") == "matching.block_match"
+    outcome = Replan(decision, system._knowledge.rules, system._knowledge.engine).run()
+    assert {stage: plan.configuration() for stage, plan in outcome.plans.items()} == {
+        stage: plan.configuration() for stage, plan in decision.plans.items()
+    }
+    assert outcome.fired == set(decision.rules_fired)
+    assert decision.what_would_it_take("matching.block_match").already
+
+
+def test_why_not_of_a_stage_whose_every_trial_failed_says_so(decision_without_matching):
+    answer = decision_without_matching.why_not("matching.block_match")
+    assert answer.outcome == "not_reached"
+    assert "was tried" in answer.sentence
+    assert "never reached" not in answer.sentence
+
+
+@pytest.fixture
+def decision_without_matching(repaired):
+    """Return the record as it would be had every matcher failed."""
+    _, decision, _ = repaired
+    trials = tuple(
+        trial.model_copy(update={"kept": False, "failure": "matching.sgm_robust: it is broken"})
+        for trial in decision.trials
+        if trial.stage == "matching"
+    )
+    plans = {stage: plan for stage, plan in decision.plans.items() if stage in ("measurement", "correction")}
+    return decision.model_copy(update={"trials": trials, "plans": plans})
+
+
 def test_how_tells_the_trials_and_which_asked_for_a_repair(repaired):
     _, decision, _ = repaired
     text = decision.how("matching").text()

@@ -12,10 +12,11 @@ from expert.decision import Decision
 from expert.engine import ENGINES, make_engine
 from expert.explain import rules_of
 from expert.facts import Fact, vocabulary
+from expert.knowledge import Knowledge
 from expert.recorder import inputs_record
 from expert.redecide import read_records, redecide, redecided
 from expert.rules.load import load_rules
-from expert.supervise import Knowledge, Run
+from expert.supervise import Run
 from modules.catalog import operators, probes
 from modules.types import Calibration
 

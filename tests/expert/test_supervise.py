@@ -12,10 +12,11 @@ from synthetic_pairs import shifted
 from expert.costs import Costs
 from expert.engine import make_engine
 from expert.facts import Task, to_fact, vocabulary
-from expert.plan import Directives
+from expert.knowledge import Knowledge
+from expert.plan import Candidate, Directives
 from expert.rules.load import LoadedRules
 from expert.rules.model import RuleBase
-from expert.supervise import MAX_TRIALS, Knowledge, Run
+from expert.supervise import MAX_TRIALS, Run
 from modules.measurement.sample import Sample
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
 from modules.probe import FactModel, Probe, quantity
@@ -59,7 +60,7 @@ class World:
     """Operators that log what they do; their product is the text of all that was done, scored by `scores`."""
 
     scores: dict[str, float] = field(default_factory=dict)
-    broken: set[str] = field(default_factory=set)
+    broken: set[str] = field(default_factory=set)  # operators, or one with its level
     log: list[str] = field(default_factory=list)
     depth_fails: bool = False
     unscored: bool = False
@@ -67,7 +68,7 @@ class World:
     def operator(self, name: str, slot: str) -> Operator:
         def work(state: str, params: Params) -> str:
             self.log.append(f"{name} {params.level}")
-            if name in self.broken:
+            if name in self.broken or self.log[-1] in self.broken:
                 raise OperatorError("it is broken")
             return f"{state}>{name.split('.')[1]}{params.level}"
 
@@ -407,6 +408,39 @@ def test_a_repair_that_fails_in_an_earlier_stage_keeps_the_earlier_product() -> 
     assert reconstructed(run) == "pair>plain1"
     assert run.plans["matching"].operator_of("matcher") == "matching.plain"
     assert run.notes == ["reconstruction trial 2 ended in an earlier stage: matching.fine: it is broken"]
+
+
+def test_a_repair_that_fails_does_not_exclude_the_operator_that_worked_before() -> None:
+    world = World(scores={"pair>plain1": 0.2}, broken={"matching.plain 3"})
+    run = world.run(
+        {"stage": "matching", "when": [POOR],
+         "then": [{"adjust": "matching.plain", "parameter": "level", "by": 2}]},
+        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.plain"}]},
+    )  # fmt: skip
+    assert matched(run) == "pair>plain1"
+    assert world.log == ["matching.plain 1", "matching.plain 3"]
+    assert [(finding.name, finding.severity) for finding in run.findings()] == [("operator-failed", "minor")]
+
+
+def test_an_operator_that_failed_is_not_asked_again_by_a_later_stage() -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9}, broken={"matching.fine"})
+    run = world.run(
+        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine"}]},
+        {"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]},
+    )
+    assert reconstructed(run) == "pair>strong1>plain1"
+    assert world.log == ["matching.fine 1", "matching.plain 1", "correction.strong 1", "matching.plain 1"]
+
+
+def test_what_a_later_stage_asks_for_twice_is_run_once() -> None:
+    world = World()
+    run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "matching.coarse"}]})
+    reconstructed(run)
+    coarse = Candidate(operator="matching.coarse", rule="TST001", score=0.5, priority=0)
+    asked = Directives(candidates={"matching.matcher": (coarse,)})
+    products = [run.run_again("matching", "disparity", asked, lambda _: "pair") for _ in range(2)]
+    assert products == ["pair>coarse1"] * 2
+    assert world.log.count("matching.coarse 1") == 1
 
 
 def test_a_later_stage_sees_what_an_earlier_one_ran() -> None:
