@@ -12,7 +12,7 @@ from pathlib import Path
 import typer.main
 from typer.cli import get_docs_for_click
 
-from expert.cli.main import complete_app
+from expert.cli.commands import complete_app
 
 GENERATED = Path(__file__).parent / "generated"
 

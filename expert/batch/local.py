@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, TimeoutError, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -80,6 +81,22 @@ def in_worker_packed(packed: Packed, settings: Settings) -> Outcome:
     return process_packed(_system(settings), packed, settings)
 
 
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Block SIGINT for the processes and threads that are started here, and for what those start.
+
+    A terminal sends it to the workers, too, and they would end with a traceback while they still import.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def run_here(
     items: Iterator[tuple[BatchItem, Path]], settings: Settings, limits: Limits, jobs: int, stopping: Callable[[], bool]
 ) -> Iterator[tuple[BatchItem, Outcome]]:
@@ -107,7 +124,9 @@ def run_here(
                     if taken is None:
                         more = False
                         break
-                    pending[pool.schedule(in_worker, args=(*taken, settings), timeout=limits.timeout_s)] = taken[0]
+                    with _without_interrupts():  # the first call starts the workers
+                        scheduled = pool.schedule(in_worker, args=(*taken, settings), timeout=limits.timeout_s)
+                    pending[scheduled] = taken[0]
                 if stopping():
                     more = False
                     for future in list(pending):

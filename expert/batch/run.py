@@ -168,6 +168,7 @@ class Batch:
         scheduler: str | None = None,
         transfer: Transfer = "path",
         progress: Callable[[Progress, Outcome], None] = lambda progress, outcome: None,
+        interrupted: Callable[[], None] = lambda: None,
     ) -> Progress:
         """Process what a plan names; every result is committed as soon as it is there.
 
@@ -185,11 +186,14 @@ class Batch:
         transfer : {"path", "bytes"}
         progress : callable
             Called after each pair.
+        interrupted : callable
+            Called at once when the first SIGINT comes.
         """
         limits = limits or Limits()
-        log = RunLog(self.out / NAME)
-        with alone(self.out):
-            return self._run(log, plan, jobs, limits, scheduler, transfer, progress)
+        with _interruptible(interrupted) as stopping:
+            log = RunLog(self.out / NAME)
+            with alone(self.out):
+                return self._run(log, plan, jobs, limits, scheduler, transfer, progress, stopping)
 
     def _run(
         self,
@@ -200,6 +204,7 @@ class Batch:
         scheduler: str | None,
         transfer: Transfer,
         progress: Callable[[Progress, Outcome], None],
+        stopping: Callable[[], bool],
     ) -> Progress:
         self._clean()
         own = self.settings
@@ -208,17 +213,16 @@ class Batch:
         state = Progress(len(plan.todo))
         items = ((item, self.folder(item)) for item, _ in plan.todo)
         reasons = {item.name: reason for item, reason in plan.todo}
-        with _interruptible() as stopping:
-            if scheduler is not None:
-                results = run_on_cluster(items, self.settings, scheduler, transfer, stopping)
-            else:
-                results = run_here(items, self.settings, limits, jobs, stopping)
-            for item, outcome in results:
-                outcome = self._commit(log, run, item, outcome, reasons[item.name])
-                state.done += 1
-                state.failed += outcome.status == "failed"
-                state.not_processed += outcome.status not in PROCESSED
-                progress(state, outcome)
+        if scheduler is not None:
+            results = run_on_cluster(items, self.settings, scheduler, transfer, stopping)
+        else:
+            results = run_here(items, self.settings, limits, jobs, stopping)
+        for item, outcome in results:
+            outcome = self._commit(log, run, item, outcome, reasons[item.name])
+            state.done += 1
+            state.failed += outcome.status == "failed"
+            state.not_processed += outcome.status not in PROCESSED
+            progress(state, outcome)
         log.end(run)
         return state
 
@@ -282,14 +286,15 @@ def alone(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Turn the first SIGINT into a wish to stop; the second one raises KeyboardInterrupt as usual."""
+def _interruptible(interrupted: Callable[[], None]) -> Iterator[Callable[[], bool]]:
+    """Turn the first SIGINT into a wish to stop, and tell of it; the second one raises KeyboardInterrupt as usual."""
     stop = threading.Event()
 
     def handle(number: int, frame: object) -> None:
         if stop.is_set():
             raise KeyboardInterrupt
         stop.set()
+        interrupted()
 
     if threading.current_thread() is not threading.main_thread():
         yield stop.is_set

@@ -154,9 +154,24 @@ def batch(
         return
     with _shown(len(plan.todo)) as progress:
         state = made.run(
-            plan, jobs=at.jobs, limits=limits, scheduler=at.scheduler, transfer=at.transfer, progress=progress
+            plan,
+            jobs=at.jobs,
+            limits=limits,
+            scheduler=at.scheduler,
+            transfer=at.transfer,
+            progress=progress,
+            interrupted=_interrupted,
         )
     _conclude(out, plan, state)
+
+
+def _interrupted() -> None:
+    """Say what the first interrupt does."""
+    typer.echo(
+        "interrupted: the pairs in work are finished first; interrupt once more to give them up. The same command "
+        "goes on where this one ends",
+        err=True,
+    )
 
 
 def _common(

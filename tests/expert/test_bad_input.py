@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from expert import ExpertSystem, StereoPair
-from expert.cli.main import main
+from expert.cli import main
 from modules.formats import read_imu_log, write_image
 from modules.simulation import TerrainParams, render_terrain
 from modules.types import Attitude, Calibration

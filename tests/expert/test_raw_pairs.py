@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from expert import ExpertSystem, StereoPair
-from expert.cli.main import main
+from expert.cli import main
 from expert.pair import PairError
 from modules.formats import write_calibration, write_image
 from modules.rectification.rectify import rectified_points

@@ -215,6 +215,46 @@ def test_an_interrupt_finishes_the_pairs_in_work_and_says_what_is_left(source: P
     assert len(batch.plan().todo) == 12 - logged(out)
 
 
+@pytest.mark.parametrize("after_s", [0.05, 0.3, 0.6, 1.2, 2.5])
+def test_an_interrupt_from_the_terminal_is_answered_without_a_traceback(
+    after_s: float, source: Path, tmp_path: Path
+) -> None:
+    words = command(source, tmp_path / "out")
+    words[2] = "from expert.cli import main; print('up', flush=True); main()"
+    with subprocess.Popen(
+        words, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(
+            after_s
+        )  # imports, rules, workers that start, or pairs in work: nothing to wait for tells them apart
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it, too
+        told = process.communicate(timeout=120)[1]
+    assert "Traceback" not in told
+    assert "interrupted" in told
+    assert process.returncode in (1, 130)
+
+
+def test_the_first_interrupt_says_at_once_what_it_does_and_the_second_ends_the_batch(
+    misbehaving: Path, tmp_path: Path
+) -> None:
+    for name, level in {"1 good": None, "2 hang": 1}.items():
+        write_pair(tmp_path / "source", name, seed=1, first_level=level)
+    with started(tmp_path / "source", tmp_path / "out", "--rules", str(misbehaving)) as process:
+        wait_until(lambda: logged(tmp_path / "out") == 1)
+        time.sleep(1.0)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.stderr is not None
+        first = next(line for line in process.stderr if line.startswith(b"interrupted"))
+        assert process.poll() is None
+        os.killpg(process.pid, signal.SIGINT)
+        rest = process.communicate(timeout=60)[1]
+    assert b"the pairs in work are finished first; interrupt once more to give them up" in first
+    assert b"Traceback" not in rest
+    assert process.returncode == 130
+
+
 def test_two_batches_do_not_share_a_folder(source: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     batch = Batch(find_pairs(source), out, FAST)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from expert.batch import Batch, Outcome, RunLog, Settings, Stated, find_pairs
 from expert.batch.runlog import NAME
-from expert.cli.main import complete_app
+from expert.cli.commands import complete_app
 from expert.cli.usage import UsageError
 from tests.expert.batch.conftest import write_pair
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from expert.cli.main import main
+from expert.cli import main
 from expert.evaluate import ExpertConfiguration, RenderedTerrain, Store, evaluate, expand, fixed_grid, parse_variants
 from expert.evaluate.ablation import ablate
 from expert.evaluate.scores import score

@@ -8,7 +8,7 @@ import boards
 import numpy as np
 import pytest
 
-from expert.cli.main import main
+from expert.cli import main
 from modules.formats import FormatError, read_calibration, read_image, write_image
 from modules.formats.pairs import find_pairs
 from modules.rectification.calibrate import CalibrationFailed, calibrate_rig

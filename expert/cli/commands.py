@@ -168,8 +168,15 @@ def complete_app() -> typer.Typer:
     return app
 
 
-def main() -> None:
-    """Run the command line; faults of the input end with exit code 2 and a sentence."""
+def run_command() -> None:
+    """Run the command that the arguments name; faults of the input end with exit code 2 and a sentence.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        SIGINT ended the command.
+    """
+    from expert.cli import INTERRUPTED
     from expert.firing import RunawayRuleBase
     from expert.pair import PairError
     from expert.plan import PlanError
@@ -181,3 +188,7 @@ def main() -> None:
     except (FormatError, PairError, PlanError, RuleFileError, RunawayRuleBase, UsageError) as error:
         typer.echo(str(error), err=True)
         sys.exit(2)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer turns the interrupt into this
+            raise KeyboardInterrupt from end
+        raise
