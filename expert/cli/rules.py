@@ -40,7 +40,7 @@ def check(
     form: Annotated[Literal["text", "json", "sarif"], typer.Option("--format", help="How to write it.")] = "text",
     as_data: Annotated[bool, typer.Option("--json", help="The same as --format json.")] = False,
 ) -> None:
-    """Report every problem of rule files, with line and column."""
+    """Report every problem of rule files, with line and column; notes are no problems."""
     alone = alone or any(is_shipped(path) for path in files or [])
     problems = check_rules(
         files, words(), operators(), probes(), shipped=not alone, cases=cases, with_cases=not no_cases
@@ -52,11 +52,11 @@ def check(
     else:
         for problem in problems:
             typer.echo(str(problem))
-        if not problems:
+        if all(problem.level == "note" for problem in problems):
             typer.echo("no problems")
     if any(problem.code == "unreadable" for problem in problems):
         raise typer.Exit(2)
-    if problems:
+    if any(problem.level != "note" for problem in problems):
         raise typer.Exit(1)
 
 

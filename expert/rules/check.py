@@ -13,7 +13,7 @@ from pathlib import Path as FilePath
 
 from expert.facts import Vocabulary
 from expert.rules.cases import facts_of, read_cases
-from expert.rules.checks.catalog import warnings
+from expert.rules.checks.catalog import CHECKS, warnings
 from expert.rules.checks.context import Context, GivenCase
 from expert.rules.layers import Merged
 from expert.rules.load import inspect_rules
@@ -50,7 +50,7 @@ def _silence(found: Iterable[Problem], documents: Iterable[Document]) -> list[Pr
     for key in ignores.keys() - used:
         message = f"`ignore[{key[2]}]` silences nothing"
         kept.append(Problem(key[0], *ignores[key], "unused-ignore", message, "remove the comment"))
-    return [replace(problem, level="warning") for problem in kept]
+    return [replace(problem, level=CHECKS[problem.code].level) for problem in kept]
 
 
 def check_rules(
@@ -77,7 +77,8 @@ def check_rules(
     cases : pathlib.Path, optional
         Directory of the case files; the shipped one by default.
     with_cases : bool
-        Whether to ask for cases at all.
+        Whether to ask for cases at all. Without a directory, those of a file on top of the shipped rules cannot be
+        found, and a rule without cases is a note.
     """
     merged, errors = inspect_rules(paths, vocabulary, operators, probes, shipped=shipped)
     if errors:
@@ -88,11 +89,15 @@ def check_rules(
         if errors:
             return sorted(errors)
         cases_of = {file.rule: [GivenCase(facts_of(case), case.fires) for case, _ in file.cases] for file in files}
-    folder = "knowledge/cases" if cases is None else cases.as_posix()
+    nowhere = cases is None and bool(paths) and shipped
+    folder = None if nowhere else "knowledge/cases" if cases is None else cases.as_posix()
     found = warnings(Context(merged, vocabulary, operators, probes, cases_of, folder))
     documents = _documents_of_interest(merged, bool(paths) and shipped)
     names = {document.file for document in documents}
-    return sorted(errors + _silence([item for item in found if item.file in names], documents))
+    kept = _silence([item for item in found if item.file in names], documents)
+    if nowhere:
+        kept = [replace(item, level="note") if item.code == "missing-case" else item for item in kept]
+    return sorted(kept)
 
 
 def _documents_of_interest(merged: Merged, skip_first: bool) -> list[Document]:

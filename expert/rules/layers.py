@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from expert.rules.model import STAGES, Rule, RuleBase, Slot, Stage, Threshold
 from expert.rules.problem import Problem, suggest
 from expert.rules.reader import Document, Path
 from expert.rules.shape import Layer
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Merged:
     named_thresholds: frozenset[str]
     named_findings: frozenset[str]
     named_slots: frozenset[tuple[str, str]]
+    incomplete: frozenset[str] = frozenset()
     disabled: frozenset[str] = frozenset()
     layers: tuple[Layer, ...] = ()
 
@@ -81,6 +84,7 @@ def merge(layers: Sequence[Layer]) -> tuple[Merged, list[Problem]]:
         named_thresholds=frozenset().union(*(layer.named_thresholds for layer in layers)),
         named_findings=frozenset().union(*(layer.named_findings for layer in layers)),
         named_slots=frozenset().union(*(layer.named_slots for layer in layers)),
+        incomplete=frozenset().union(*(layer.incomplete for layer in layers)),
         disabled=frozenset(disabled),
         layers=tuple(layers),
     )
@@ -95,3 +99,16 @@ def written_in(merged: Merged, section: Literal["rules", "thresholds", "findings
         if name in getattr(layer, section)
     ]
     return ", over ".join(places)
+
+
+def overridden(
+    layers: Sequence[Layer], items: Callable[[Layer], Mapping[str, tuple[_T, Path]]]
+) -> Iterator[tuple[_T, Origin, _T, Origin]]:
+    """Yield every item that takes the place of one of its name in a lower layer, and that one, each with its origin."""
+    below: dict[str, tuple[_T, Origin]] = {}
+    for layer in layers:
+        for name, (item, path) in items(layer).items():
+            origin = Origin(layer.document, path)
+            if name in below:
+                yield item, origin, *below[name]
+            below[name] = (item, origin)

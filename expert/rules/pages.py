@@ -17,7 +17,7 @@ from expert.rules.check import check_rules
 from expert.rules.checks.catalog import CHECKS
 from expert.rules.checks.check import Check
 from expert.rules.checks.context import asked_by, derived_by, named_operators, thresholds_in, walk
-from expert.rules.checks.examples import EXAMPLES
+from expert.rules.checks.examples import EXAMPLES, OVER_SHIPPED
 from expert.rules.checks.parameters import limits_of
 from expert.rules.explain import action_text, condition_text
 from expert.rules.load import LoadedRules
@@ -269,8 +269,8 @@ def _check_index() -> str:
     rows = [(f"[{check.code}](checks/{check.code}.md)", check.level, check.reports) for check in CHECKS.values()]
     return (
         "# Checks\n\n`terrex rules check` reports them as `file:line:column: code: sentence; hint`. Errors keep rules "
-        "from loading. A warning is silenced by `# terrex: ignore[code] reason` on its line or the line above.\n\n"
-        + _table(("code", "level", "reports"), rows)
+        "from loading. A warning or note is silenced by `# terrex: ignore[code] reason` on its line or the line above; "
+        "notes do not make the check fail.\n\n" + _table(("code", "level", "reports"), rows)
     )
 
 
@@ -293,7 +293,7 @@ def _messages(reference: Reference, check: Check, path: Path) -> list[str]:
         reference.vocabulary,
         reference.operators,
         reference.probes,
-        shipped=False,
+        shipped=check.code in OVER_SHIPPED,
         cases=EXAMPLES / "cases",
         with_cases=check.code == "missing-case",
     )

@@ -23,6 +23,9 @@ def printable(text: str) -> str:
     return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
 
 
+Level = Literal["error", "warning", "note"]
+
+
 @dataclass(frozen=True, order=True)
 class Problem:
     """One problem at one place of a file; line and column count from 1. Texts are made printable."""
@@ -33,16 +36,17 @@ class Problem:
     code: str
     message: str
     hint: str = ""
-    level: Literal["error", "warning"] = "error"
+    level: Level = "error"
 
     def __post_init__(self) -> None:
         for name in ("message", "hint"):
             object.__setattr__(self, name, printable(getattr(self, name)))
 
     def __str__(self) -> str:
-        """Write it as `file:line:column: code: message; hint`."""
+        """Write it as `file:line:column: code: message; hint`; a note says that it is one."""
         tail = f"; {self.hint}" if self.hint else ""
-        return f"{self.file}:{self.line}:{self.column}: {self.code}: {self.message}{tail}"
+        note = "note: " if self.level == "note" else ""
+        return f"{self.file}:{self.line}:{self.column}: {note}{self.code}: {self.message}{tail}"
 
     def as_dict(self) -> dict[str, str | int]:
         """Return it as plain data for JSON."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from expert.rules.model import ACTIONS, STAGES, Rule, Slot, Stage, Threshold
+from expert.rules.model import ACTIONS, STAGES, Model, Rule, Slot, Stage, Threshold
 from expert.rules.problem import Problem, suggest
 from expert.rules.reader import Document, Path
 
@@ -23,7 +24,8 @@ class Layer:
     """One file: the items that have the right shape, each with its path, and what it declares at all.
 
     `thresholds`, `findings`, `slots` and `rules` hold sound items only; the `named_` sets also hold the names of items
-    that are faulty, so that one fault is not reported again wherever the item is used.
+    that are faulty, so that one fault is not reported again wherever the item is used. Of `incomplete` rules only the
+    sound conditions and actions are held, with gaps between them.
     """
 
     document: Document
@@ -36,6 +38,7 @@ class Layer:
     named_findings: set[str] = field(default_factory=set)
     named_slots: set[tuple[str, str]] = field(default_factory=set)
     named_rules: set[str] = field(default_factory=set)
+    incomplete: set[str] = field(default_factory=set)
     problems: list[Problem] = field(default_factory=list)
 
     def complain(self, path: Path, code: str, message: str, hint: str = "", *, key: bool = False) -> None:
@@ -259,11 +262,16 @@ def _read_slots(layer: Layer, data: Any) -> None:
                 layer.slots.setdefault((stage, slot.slot), (slot, path))
 
 
-_STAND_INS = {"name": "unnamed", "because": "the reason is missing", "references": ["none"]}
+_STAND_INS = {"id": "AAA000", "name": "unnamed", "because": "the reason is missing", "references": ["none"]}
+_NOTHING: dict[str, dict[str, object]] = {"when": {"fact": "nothing"}, "then": {"derive": "nothing"}}
+
+
+class Gap(Model):
+    """What stands in the place of a faulty condition or action, so that the others keep theirs; no check reads it."""
 
 
 def _sound_part(item: Any) -> Rule | None:
-    """Return a rule without its faults, if none is in its conditions, so that the rest of it is checked, too."""
+    """Return a rule with a gap for every faulty condition and action, so that the rest of it is checked, too."""
     try:
         Rule.model_validate(item, strict=True)
     except ValidationError as error:
@@ -271,21 +279,26 @@ def _sound_part(item: Any) -> Rule | None:
     except RecursionError:
         return None
     keys = {str(loc[0]) for loc in faulty if loc}
-    if not isinstance(item, dict) or not keys or keys & {"id", "stage", "when"}:
+    if not isinstance(item, dict) or not keys or not isinstance(item.get("id"), str):
         return None
     patched = {key: value for key, value in item.items() if key not in keys}
+    if "stage" in keys:
+        patched["stage"] = next(iter(difflib.get_close_matches(str(item.get("stage")), STAGES, n=1)), None)
     patched.update({key: value for key, value in _STAND_INS.items() if key in keys})
-    if "then" in keys and isinstance(item.get("then"), list):
-        wrong = {loc[1] for loc in faulty if loc[0] == "then" and len(loc) > 1}
-        patched["then"] = [action for index, action in enumerate(item["then"]) if index not in wrong]
-    empty = not patched.get("then")
-    if empty:
-        patched["then"] = [{"derive": "nothing"}]
+    wrong = {loc[:2] for loc in faulty if len(loc) > 1}
+    for key in keys & _NOTHING.keys():
+        written = item[key] if isinstance(item.get(key), list) and item[key] else [None]
+        wrong |= {(key, index) for index, part in enumerate(written) if part is None}
+        patched[key] = [_NOTHING[key] if (key, index) in wrong else part for index, part in enumerate(written)]
     try:
         rule = Rule.model_validate(patched, strict=True)
     except ValidationError:
         return None
-    return rule.model_copy(update={"then": []}) if empty else rule
+    parts = {
+        key: [Gap() if (key, index) in wrong else part for index, part in enumerate(getattr(rule, key))]
+        for key in _NOTHING
+    }
+    return rule.model_copy(update={"id": item["id"], **parts})
 
 
 def _read_rules(layer: Layer, data: Any) -> None:
@@ -301,7 +314,9 @@ def _read_rules(layer: Layer, data: Any) -> None:
                     (*path, "id"), "duplicate-id", f"rule id {name} is already used{line}", "give it an id of its own"
                 )
             layer.named_rules.add(name)
-        rule = rule or _sound_part(item)
+        if rule is None:
+            rule = _sound_part(item)
+            layer.incomplete.update({rule.id} if rule else ())
         if rule is not None:
             layer.rules.setdefault(rule.id, (rule, path))
 

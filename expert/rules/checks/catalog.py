@@ -29,6 +29,8 @@ from expert.rules.checks.codes import (
     not_utf8,
     not_whole,
     out_of_range,
+    override,
+    reused_id,
     several_documents,
     slot_without_default,
     subsumed_rule,
@@ -96,6 +98,8 @@ CHECKS: Mapping[str, Check] = {
         not_utf8,
         not_whole,
         out_of_range,
+        override,
+        reused_id,
         several_documents,
         slot_without_default,
         subsumed_rule,
@@ -143,8 +147,8 @@ def errors(context: Context) -> list[Problem]:
 
 
 def warnings(context: Context) -> list[Problem]:
-    """Return what their author should look at; asked only of rules without errors."""
-    return _found(context, "warning")
+    """Return what their author should look at or know; asked only of rules without errors."""
+    return _found(context, "warning") + _found(context, "note")
 
 
 def _found(context: Context, level: str) -> list[Problem]:

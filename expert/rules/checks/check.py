@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 from expert.rules.checks.context import Context
-from expert.rules.problem import Problem
+from expert.rules.problem import Level, Problem
 
 Finder = Callable[[Context], Iterable[Problem]]
 
@@ -20,8 +19,8 @@ class Check:
     ----------
     code : str
         As it stands in a message, e.g. `unknown-fact`.
-    level : {"error", "warning"}
-        An error keeps the rules from loading; a warning is for their author and can be silenced.
+    level : {"error", "warning", "note"}
+        An error keeps the rules from loading; a warning is for their author and can be silenced; a note is no fault.
     reports : str
         What it reports, one sentence.
     why : str
@@ -33,7 +32,7 @@ class Check:
     """
 
     code: str
-    level: Literal["error", "warning"]
+    level: Level
     reports: str
     why: str
     remedy: str

@@ -53,7 +53,8 @@ class GivenCase:
 class Context:
     """What a rule base is checked against.
 
-    `cases` holds the cases of each rule; None where nobody asks for cases.
+    `cases` holds the cases of each rule; None where nobody asks for cases. `case_folder` is where they lie;
+    None where nobody said.
     """
 
     merged: Merged
@@ -61,7 +62,7 @@ class Context:
     operators: Mapping[str, Operator]
     probes: Mapping[str, Probe]
     cases: Mapping[str, Sequence[GivenCase]] | None = None
-    case_folder: str = "knowledge/cases"
+    case_folder: str | None = "knowledge/cases"
 
     @cached_property
     def scopes(self) -> tuple[RuleScope, ...]:

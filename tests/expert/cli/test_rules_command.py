@@ -46,6 +46,29 @@ def test_check_leaves_with_1_and_names_the_place_of_a_problem(rules):
     assert f"{rules}:9:56: out-of-range: rule COR901, condition 1" in result.output
 
 
+def test_check_leaves_with_0_though_the_cases_of_own_rules_lie_nowhere_that_it_knows(rules):
+    path = rules.parent / "rig.yaml"
+    path.write_text(
+        "version: 1\nrules:\n  - {id: RIG001, name: wide, stage: measurement, when: [{fact: task}], "
+        "then: [{measure: measurement.disparity_range}], because: We want it., references: [rig]}\n"
+    )
+    result = invoke("check", str(path))
+    assert result.exit_code == 0
+    assert "note: missing-case: rule RIG001 has no case" in result.output
+    assert "RIG001.yaml and give --cases FOLDER\nno problems\n" in result.output
+    assert invoke("check", str(path), "--cases", str(rules.parent)).exit_code == 1
+
+
+def test_a_threshold_that_takes_the_place_of_a_shipped_one_is_noted(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text("version: 1\nthresholds:\n  exposure_dn: {value: 8.5, unit: dn, because: our lamps flicker}\n")
+    result = invoke("check", path)
+    assert "note: override: threshold exposure_dn is 8.5 dn, in the place of 6 dn in knowledge/rules.yaml" in (
+        result.output
+    )
+    assert result.exit_code == 0
+
+
 def test_check_writes_json(rules):
     rules.write_text(RULES.replace("derive: slow", "derive: slo"))
     result = invoke("check", rules, "--alone", "--json")

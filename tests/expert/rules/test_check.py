@@ -149,3 +149,28 @@ def test_errors_are_not_silenced_and_problems_are_plain_json(check, good_text):
     problems = check(good_text.replace("op: gt, value: 0.05}", "op: gt, value: 5}  # terrex: ignore[out-of-range] no"))
     assert codes(problems) == ["out-of-range"]
     assert json.loads(as_json(problems))[0]["line"] == problems[0].line
+
+
+def test_a_faulty_part_hides_no_fault_elsewhere_in_its_rule_and_moves_none(check):
+    text = "version: 1\nfindings: {f: text}\nrules:\n" + RULE.format(
+        id="COR001",
+        when="{fact: brightness, field: offset_dn, op: more, value: 1}, {fact: brightnes}, {finding: g}",
+        then="{derive: f, severity: bad}, {exclude: correction.non}, "
+        "{set: correction.match_histograms, parameter: nope, to: {field: b.offset_dn}}",
+    )
+    found = check(text.replace("stage: correction", "stage: corection").replace("COR001", "own1"))
+    assert set(codes(found)) == {
+        *(
+            "wrong-pattern",
+            "unknown-value",
+            "unknown-fact",
+            "undeclared-finding",
+            "unknown-operator",
+            "unknown-parameter",
+        )
+    }
+    lines = text.splitlines()
+    places = {"unknown-fact": "brightnes}", "undeclared-finding": "g}", "unknown-operator": "correction.non}"}
+    for code, word in places.items():
+        (problem,) = [item for item in found if item.code == code]
+        assert lines[problem.line - 1][problem.column - 1 :].startswith(word)

@@ -24,7 +24,9 @@ def _find(context: Context) -> Iterator[Problem]:
             missing.append("at a threshold")
         if missing:
             message = f"rule {rule.id} has no case {', none '.join(missing)}"
-            yield origin.problem((), "missing-case", message, f"add it to {context.case_folder}/{rule.id}.yaml")
+            folder = context.case_folder or "FOLDER"
+            hint = f"add it to {folder}/{rule.id}.yaml" + ("" if context.case_folder else " and give --cases FOLDER")
+            yield origin.problem((), "missing-case", message, hint)
 
 
 CHECK = Check(

@@ -12,6 +12,8 @@ from expert.rules.problem import Problem, suggest
 
 def _find(context: Context) -> Iterator[Problem]:
     for scope in context.scopes:
+        if scope.rule.id in context.merged.incomplete:  # the condition that binds it may be the faulty one
+            continue
         for use in scope.operands:
             if not isinstance(use.operand, FieldRef):
                 continue
