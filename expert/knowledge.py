@@ -9,7 +9,8 @@ from functools import cached_property
 from expert.facts import Vocabulary, vocabulary
 from expert.firing import Engine
 from expert.rules.load import LoadedRules
-from expert.rules.model import Exclude, Rule
+from expert.rules.model import Exclude, Rule, RuleBase
+from expert.rules.strata import with_sources
 from modules.operator import Operator
 from modules.probe import Probe
 
@@ -34,7 +35,8 @@ class Knowledge:
         return {rule.id: rule for rule in self.rules.base.rules}
 
     @cached_property
-    def leaves_out(self) -> bool:
-        """Whether some rule may leave a probe out."""
-        measuring = self.rules.base.of_stage("measurement")
-        return any(isinstance(action, Exclude) for rule in measuring for action in rule.then)
+    def leaving_out(self) -> RuleBase | None:
+        """The rules of the measurement that may leave a probe out, and what these build on; None if there are none."""
+        base = self.rules.base
+        rules = with_sources(base.of_stage("measurement"), lambda rule: any(isinstance(a, Exclude) for a in rule.then))
+        return base.model_copy(update={"rules": list(rules)}) if rules else None

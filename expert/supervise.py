@@ -99,11 +99,11 @@ class Run:
                 self.measure(probe)
 
     def _left_out(self) -> set[str]:
-        if not self.knowledge.leaves_out:
+        rules = self.knowledge.leaving_out
+        if rules is None:
             return set()
         with self.timed("inference"):
-            known = self.known("measurement")
-            result = self.knowledge.engine.infer(self.knowledge.rules.base, "measurement", known)
+            result = self.knowledge.engine.infer(rules, "measurement", self.known("measurement"))
         return {action.exclude for action in self._actions(result) if isinstance(action, Exclude)}
 
     def measure_product(self, probe: Probe, product: Any) -> list[Fact]:

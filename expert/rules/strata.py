@@ -6,7 +6,7 @@ rule that may derive it has had its turn. Such waiting must not go in a circle.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from expert.rules.evaluate import finding_of
@@ -101,6 +101,19 @@ def stratify(rules: Iterable[Rule]) -> tuple[tuple[Rule, ...], ...]:
     return tuple(
         tuple(rule for rule, own in zip(ordered, level, strict=True) if own == layer) for layer in sorted(set(level))
     )
+
+
+def with_sources(rules: Iterable[Rule], wanted: Callable[[Rule], bool]) -> tuple[Rule, ...]:
+    """Return the wanted rules of one stage and those that derive what they ask for, directly or not, by id.
+
+    They fire as they do among all rules.
+    """
+    ordered = tuple(sorted(rules, key=lambda rule: rule.id))
+    edges = _edges(ordered)
+    found = [index for index, rule in enumerate(ordered) if wanted(rule)]
+    for index in found:  # grows while it is read
+        found += sorted({other for other, _ in edges[index]} - set(found))
+    return tuple(ordered[index] for index in sorted(found))
 
 
 def _named_finding(comparison: Comparison, siblings: Sequence[Condition]) -> str:

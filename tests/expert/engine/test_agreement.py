@@ -19,7 +19,7 @@ from expert.facts import Fact
 from expert.firing import Firings
 from expert.plan import Directives, adjustments, settle
 from expert.rules.model import RuleBase
-from expert.rules.strata import CyclicNegation
+from expert.rules.strata import CyclicNegation, with_sources
 
 CASES = int(os.environ.get("TERREX_CASES", "250"))
 VOCABULARY = small_vocabulary()
@@ -108,3 +108,20 @@ def test_clips_fires_the_same_rules_on_the_same_facts() -> None:
     print(f"compiled and CLIPS: {compared} programs, {fired} firings")
     assert compared > CASES // 2
     assert fired > compared
+
+
+def test_rules_fire_among_those_that_they_build_on_as_among_all() -> None:
+    engine, compared = CompiledEngine(VOCABULARY), 0
+    for seed in range(CASES):
+        generator = Generator(random.Random(seed))
+        rules, facts = generator.rule_base(), generator.facts()
+        whole = outcome(engine, rules, facts)
+        if isinstance(whole, str):
+            continue
+        for wanted in rules.of_stage(STAGE):
+            some = with_sources(rules.of_stage(STAGE), lambda rule, wanted=wanted: rule is wanted)
+            part = engine.infer(rules.model_copy(update={"rules": list(some)}), STAGE, facts)
+            expected = [firing for firing in whole.firings if firing.rule in {rule.id for rule in some}]
+            assert repr(part.firings) == repr(tuple(expected))
+            compared += len(some) < len(rules.of_stage(STAGE)) and bool(expected)
+    assert compared > CASES, "hardly any part of a program fires, so that this proves little"
