@@ -155,25 +155,24 @@ def fit_linear(
     """
     weights = np.ones(len(values))
     coefficients: Floats = np.zeros(design.shape[1])
+    columns = np.ascontiguousarray(design.T)
     before, residual = values, values
     for step in range(iterations):
-        weighted = design * weights[:, None]
-        coefficients = np.asarray(
-            np.linalg.lstsq(weighted.T @ design, weighted.T @ values, rcond=None)[0], dtype=np.float64
-        )
-        before, residual = residual, values - design @ coefficients
-        scale = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), scale_floor)
-        relative = np.abs(residual) / scale
+        weighted = columns * weights
+        coefficients = np.asarray(np.linalg.lstsq(weighted @ design, weighted @ values, rcond=None)[0], np.float64)
+        before, residual = residual, values - coefficients @ columns
+        size = np.abs(residual)
+        scale = max(MAD_TO_SIGMA * float(np.median(size)), scale_floor)
         if step < iterations // 3:
-            weights = np.minimum(1.0, 1.345 / np.maximum(relative, 1e-12))
+            weights = np.minimum(1.0, 1.345 * scale / np.maximum(size, 1e-12 * scale))
         else:
-            weights = np.clip(1 - (relative / 4.685) ** 2, 0, None) ** 2
+            relative = size / (4.685 * scale)
+            weights = np.square(np.maximum(1 - relative * relative, 0.0))
             if float(np.abs(residual - before).max(initial=0.0)) < CONVERGED * scale:
                 break
-    residual = values - design @ coefficients
     freedom = max(float(weights.sum()) - design.shape[1], 1.0)
     variance = float((weights * residual**2).sum()) / freedom
-    covariance = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
+    covariance = variance * np.linalg.pinv((columns * weights) @ design)
     return coefficients, covariance, weights
 
 
