@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -17,15 +18,31 @@ if TYPE_CHECKING:
     from modules.rectification.chessboard import BoardView, Chessboard
 
 GOOD_EPIPOLAR_PX = 0.5  # rows of a rectified pair that differ by more cost matches
-LEAST_COVERAGE = 0.6
+LEAST_COVERAGE = 0.5  # of the cells; boards have to be whole in both images, so all of one is hardly ever reached
 LARGEST_SIGMA = 0.01  # of the focal length
+BETTER = 0.5  # times the error of a lens model, or less, is that of a better one
 SHOWN = 2  # rectified pairs in the picture
+LOOKED_AT = 10  # images in which a board of another size is looked for
+
+
+class Lens(str, Enum):
+    """Lens model of both cameras."""
+
+    radtan = "radtan"
+    fisheye = "fisheye"
+
+
+MODELS: dict[Lens, Literal["radtan", "equidistant"]] = {Lens.radtan: "radtan", Lens.fisheye: "equidistant"}
 
 
 def calibrate(
     folder: Annotated[Path | None, typer.Argument(help="Folder with left01.png, right01.png and so on")] = None,
     pattern: Annotated[str, typer.Option(help="Inner corners of the board, columns x rows")] = "9x6",
     square: Annotated[float, typer.Option(help="Side of a square, m; the baseline scales with it")] = 0.025,
+    model: Annotated[
+        Lens,
+        typer.Option(help="Lenses: radtan (Brown, up to about 100 degrees of view) or fisheye (Kannala and Brandt)"),
+    ] = Lens.radtan,
     out: Annotated[Path, typer.Option(help="Folder for calibration.yaml and the picture; whole or not at all")] = Path(
         "calibration"
     ),
@@ -39,7 +56,7 @@ def calibrate(
     from modules.formats.calibration import calibration_schema, write_calibration
     from modules.formats.images import read_image, write_image
     from modules.formats.pairs import find_pairs
-    from modules.rectification.calibrate import CalibrationFailed, calibrate_rig
+    from modules.rectification.calibrate import MIN_VIEWS, CalibrationFailed, calibrate_rig
     from modules.rectification.picture import draw_calibration
 
     if schema:
@@ -54,9 +71,10 @@ def calibrate(
         typer.echo(f"{path} has no image of the other side and is left out", err=True)
     views, size = _views(pairs, board)
     try:
-        made = calibrate_rig(views, board, size)
+        made = calibrate_rig(views, board, size, MODELS[model])
     except CalibrationFailed as error:
-        raise UsageError(f"{folder}: {error}") from error
+        hint = _other_board(pairs, board) if len(views) < MIN_VIEWS else _other_lens(views, board, size, model, None)
+        raise UsageError(f"{folder}: {error}{hint and '. ' + hint}") from error
     by_name = {pair.name: pair for pair in pairs}
     with whole_folder(out) as target:
         write_calibration(target / "calibration.yaml", made.rig)
@@ -66,7 +84,11 @@ def calibrate(
         ]
         write_image(target / "calibration.png", draw_calibration(made, views, shown))
     warnings = _warnings(made)
+    if hint := _other_lens(views, board, size, model, made):
+        warnings.append(hint)
     typer.echo(_summary(made, len(pairs), pattern, square))
+    for note in _notes(made):
+        typer.echo(f"note: {note}")
     for warning in warnings:
         typer.echo(f"warning: {warning}")
     typer.echo(f"written to {out}; use it with --calibration {out / 'calibration.yaml'}")
@@ -109,6 +131,52 @@ def _views(pairs: list[PairFiles], board: Chessboard) -> tuple[list[BoardView], 
     return [view for size, view in views if size == chosen], chosen
 
 
+def _other_board(pairs: list[PairFiles], board: Chessboard) -> str:
+    """Say which board the images show, where it is another one; empty if not."""
+    from modules.formats.images import read_image
+    from modules.rectification.chessboard import count_corners
+
+    found = count_corners(read_image(pair.left) for pair in pairs[:LOOKED_AT])
+    if found is None or set(found) == {board.columns, board.rows}:
+        return ""
+    return (
+        f"The images seem to show a board of {found[0]}x{found[1]} inner corners; try --pattern {found[0]}x{found[1]}"
+    )
+
+
+def _other_lens(
+    views: list[BoardView], board: Chessboard, size: tuple[int, int], model: Lens, made: RigCalibration | None
+) -> str:
+    """Say that the other lens model fits much better, or at all; empty if not."""
+    from modules.rectification.calibrate import CalibrationFailed, calibrate_rig
+
+    def error(of: RigCalibration) -> float:
+        return max(of.total("reprojection_px"), of.total("epipolar_px"))
+
+    other = Lens.fisheye if model is Lens.radtan else Lens.radtan
+    try:
+        tried = calibrate_rig(views, board, size, MODELS[other])
+    except CalibrationFailed:
+        return ""
+    limit = GOOD_EPIPOLAR_PX if made is None else BETTER * error(made)
+    if error(tried) > limit:
+        return ""
+    before = "" if made is None else f" instead of {error(made):.2f} px"
+    return f"the lens model {other.value} leaves {error(tried):.2f} px{before}; use --model {other.value}"
+
+
+def _notes(made: RigCalibration) -> list[str]:
+    """Say where the calibration is extrapolated, which no error shows."""
+    blind = [
+        f"the {' and '.join(', '.join(places).rsplit(', ', 1))} of the {side} image"
+        for side, places in zip(("left", "right"), made.blind, strict=True)
+        if places
+    ]
+    if not blind:
+        return []
+    return [f"the board was never seen in {' and '.join(blind)}: the distortion there is extrapolated"]
+
+
 def _shown(made: RigCalibration) -> list[tuple[str, str]]:
     """Return captions and names of the best and the worst view that were used."""
     used = sorted((error for error in made.errors if error.used), key=lambda error: error.epipolar_px)
@@ -131,12 +199,14 @@ def _record(made: RigCalibration, board: Chessboard, square_m: float) -> str:
         for error in made.errors
     ]
     record = {
+        "model": made.rig.left.model,
         "pattern": [board.columns, board.rows],
         "square_m": square_m,
         "reprojection_px": round(made.total("reprojection_px"), 4),
         "epipolar_px": round(made.total("epipolar_px"), 4),
         "sigma_focal_px": [round(value, 3) for value in made.sigma_focal_px],
         "coverage": list(made.coverage),
+        "not_covered": {"left": list(made.blind[0]), "right": list(made.blind[1])},
         "views": views,
     }
     return json.dumps(record, indent=2) + "\n"

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from modules.rectification.chessboard import BoardView, Chessboard
-from modules.rectification.rectify import RectificationError, plan_rectification, rectified_points
+from modules.rectification.fisheye import fit_fisheye
+from modules.rectification.rectify import (
+    RectificationError,
+    plan_rectification,
+    plane_points,
+    project_points,
+    rectified_points,
+)
 from modules.types import Camera, StereoRig
 
 MIN_VIEWS = 5
 OUTLIER_FACTOR = 2.5  # a view is dropped when its error is this many times the median
 OUTLIER_FLOOR_PX = 0.3  # and above this
 MAX_DROPPED = 0.4  # fraction of the views
-GRID = 4  # coverage counts cells of a 4 x 4 grid
+Model = Literal["radtan", "equidistant"]
+GRID = 8  # coverage counts cells of a grid of 8 x 8
+REGION = 2  # cells; the corner of an image is seen where a corner of the board lies within so many of its own
 
 
 @dataclass(frozen=True)
@@ -54,13 +63,17 @@ class RigCalibration:
     sigma_focal_px : (float, float)
         Standard deviation of the focal length, left and right.
     coverage : (float, float)
-        Fraction of the cells of a 4 x 4 grid that hold corners of a used view, left and right.
+        Fraction of the cells of an 8 x 8 grid that hold corners of a used view, left and right.
+    blind : (tuple of str, tuple of str)
+        Corners of the left and of the right image (`top left` and so on) in whose quarter of width and height no used
+        view has a corner: the distortion there is extrapolated.
     """
 
     rig: StereoRig
     errors: tuple[ViewErrors, ...]
     sigma_focal_px: tuple[float, float]
     coverage: tuple[float, float]
+    blind: tuple[tuple[str, ...], tuple[str, ...]]
 
     def total(self, which: str) -> float:
         """Return the root mean square of `reprojection_px` or `epipolar_px` over the used views."""
@@ -71,10 +84,12 @@ class CalibrationFailed(ValueError):
     """The views do not give a calibration; the message names the value, the limit and the remedy."""
 
 
-def calibrate_rig(views: Sequence[BoardView], board: Chessboard, size: tuple[int, int]) -> RigCalibration:
+def calibrate_rig(
+    views: Sequence[BoardView], board: Chessboard, size: tuple[int, int], model: Model = "radtan"
+) -> RigCalibration:
     """Calibrate both cameras and the pose between them, and drop views that do not agree.
 
-    Each camera is calibrated by itself (5 coefficients), then both together; the view with the largest error is dropped
+    Each camera is calibrated by itself, then both together; the view with the largest error is dropped
     while it is above 2.5 times the median and above 0.3 px, and everything is fitted again.
 
     Parameters
@@ -84,6 +99,8 @@ def calibrate_rig(views: Sequence[BoardView], board: Chessboard, size: tuple[int
     board : Chessboard
     size : (int, int)
         Width and height of the images, px.
+    model : {"radtan", "equidistant"}
+        Brown's with 5 coefficients, or the fisheye model of Kannala and Brandt with 4.
 
     Returns
     -------
@@ -103,10 +120,11 @@ def calibrate_rig(views: Sequence[BoardView], board: Chessboard, size: tuple[int
             f"the board was found in {len(views)} pairs and calibration needs {MIN_VIEWS}; 15 or more are better: "
             f"check that it has {board.columns}x{board.rows} inner corners (--pattern) and is whole in both images"
         )
+    fit = fit_fisheye if model == "equidistant" else _fit
     used = list(range(len(views)))
     while True:
         chosen = [views[index] for index in used]
-        rig, sigma, reprojection = _fit(chosen, board, size)
+        rig, sigma, reprojection = fit(chosen, board, size)
         worst = int(np.argmax(reprojection))
         limit = max(OUTLIER_FLOOR_PX, OUTLIER_FACTOR * float(np.median(reprojection)))
         enough = len(used) - 1 >= max(MIN_VIEWS, int(np.ceil((1.0 - MAX_DROPPED) * len(views))))
@@ -127,8 +145,9 @@ def calibrate_rig(views: Sequence[BoardView], board: Chessboard, size: tuple[int
         )
         for index, (view, epipolar) in enumerate(zip(views, _epipolar(views, rig), strict=True))
     )
-    coverage = tuple(_coverage([getattr(views[i], side) for i in used], size) for side in ("left_px", "right_px"))
-    return RigCalibration(rig, errors, sigma, (coverage[0], coverage[1]))
+    left, right = (_seen([getattr(views[i], side) for i in used], size) for side in ("left_px", "right_px"))
+    coverage = float(left.mean()), float(right.mean())
+    return RigCalibration(rig, errors, sigma, coverage, (_blind(left), _blind(right)))
 
 
 def _fit(
@@ -170,13 +189,15 @@ def _camera(matrix: NDArray[np.float64], distortion: NDArray[np.float64], size: 
 def _reprojection_of(view: BoardView, board: Chessboard, rig: StereoRig) -> float:
     """Return the error of a view that took no part in the fit, its pose fitted to the left image."""
     points = board.points_m().astype(np.float64)
-    pose: Any = cv2.solvePnP(points, view.left_px.astype(np.float64), rig.left.matrix, np.array(rig.left.distortion))
-    _, turn, shift = pose
-    in_right: Any = cv2.composeRT(turn, shift, cv2.Rodrigues(rig.rotation)[0], np.reshape(rig.translation_m, (3, 1)))
+    plane = plane_points(view.left_px.astype(np.float64), rig.left, np.eye(3))
+    pose: Any = cv2.solvePnP(points, plane, np.eye(3), np.zeros(4))
+    in_board = np.asarray(cv2.Rodrigues(pose[1])[0]), np.ravel(pose[2])
     squares = []
-    for camera, seen, (r, t) in ((rig.left, view.left_px, (turn, shift)), (rig.right, view.right_px, in_right[:2])):
-        projected: Any = cv2.projectPoints(points, r, t, camera.matrix, np.array(camera.distortion))[0]
-        squares.append(np.sum((projected.reshape(-1, 2) - seen) ** 2, axis=1))
+    for camera, seen, turn, shift in (
+        (rig.left, view.left_px, *in_board),
+        (rig.right, view.right_px, rig.rotation @ in_board[0], rig.rotation @ in_board[1] + rig.translation_m),
+    ):
+        squares.append(np.sum((project_points(points @ turn.T + shift, camera) - seen) ** 2, axis=1))
     return float(np.sqrt(np.mean(squares)))
 
 
@@ -199,8 +220,22 @@ def _epipolar(views: Sequence[BoardView], rig: StereoRig) -> list[float]:
     return found
 
 
-def _coverage(corners: list[NDArray[np.float32]], size: tuple[int, int]) -> float:
+def _seen(corners: list[NDArray[np.float32]], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return the cells of the image, bool (8, 8), that hold corners."""
     points = np.concatenate(corners)
     column = np.clip(points[:, 0] * GRID / size[0], 0, GRID - 1).astype(int)
     row = np.clip(points[:, 1] * GRID / size[1], 0, GRID - 1).astype(int)
-    return len(set(zip(row.tolist(), column.tolist(), strict=True))) / GRID**2
+    seen = np.zeros((GRID, GRID), bool)
+    seen[row, column] = True
+    return seen
+
+
+def _blind(seen: NDArray[np.bool_]) -> tuple[str, ...]:
+    near, far = slice(None, REGION), slice(-REGION, None)
+    places = {
+        "top left": (near, near),
+        "top right": (near, far),
+        "bottom left": (far, near),
+        "bottom right": (far, far),
+    }
+    return tuple(name for name, cells in places.items() if not seen[cells].any())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +15,7 @@ from modules.primitives.photometry import to_8_bit, to_gray
 from modules.types import Image
 
 MAX_SEARCH_PX = 1280  # larger images are searched at a reduced size first and refined at full size
+SMALLEST_BOARD = (3, 3)  # inner corners
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,26 @@ def find_corners(image: Image, board: Chessboard) -> NDArray[np.float32] | None:
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
     refined = cv2.cornerSubPix(gray, corners.astype(np.float32), (half, half), (-1, -1), criteria)
     return np.asarray(refined, np.float32).reshape(-1, 2)
+
+
+def count_corners(images: Iterable[Image]) -> tuple[int, int] | None:
+    """Return the inner corners that boards in the images have, the larger number first, or None.
+
+    The number is not presumed: it is what most images show, and two at least. Parts of a board count as boards, too, so
+    this is a hint about a wrong `Chessboard`, nothing to calibrate with.
+    """
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
+    votes: Counter[tuple[int, int]] = Counter()
+    for image in images:
+        gray = np.ascontiguousarray(to_8_bit(to_gray(image)))
+        made: Any = cv2.findChessboardCornersSBWithMeta(gray, SMALLEST_BOARD, flags)
+        if made[0]:
+            rows, columns = sorted(made[2].shape[:2])
+            votes[(columns, rows)] += 1
+    if not votes:
+        return None
+    chosen, number = max(votes.items(), key=lambda item: (item[1], item[0]))
+    return chosen if number >= 2 else None
 
 
 def find_board(name: str, left: Image, right: Image, board: Chessboard) -> BoardView | None:

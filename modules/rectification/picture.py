@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.primitives.photometry import to_8_bit, to_gray
-from modules.rectification.calibrate import RigCalibration
+from modules.rectification.calibrate import GRID, RigCalibration
 from modules.rectification.chessboard import BoardView
 from modules.rectification.rectify import rectify_images
 from modules.types import Image
@@ -49,7 +49,7 @@ def draw_calibration(
     used = {error.name: error.used for error in made.errors}
     size = (made.rig.left.width_px, made.rig.left.height_px)
     covered = [_coverage(views, used, side, size) for side in ("left_px", "right_px")]
-    caption = f"corners of all views: left {made.coverage[0]:.0%}, right {made.coverage[1]:.0%} of a 4 x 4 grid covered"
+    caption = f"corners of all views: left {made.coverage[0]:.0%}, right {made.coverage[1]:.0%} of the cells covered"
     rows.append(_row([_panel(image) for image in covered], caption))
     rows.append(_bars(made, rows[0].shape[1]))
     return np.concatenate(rows, axis=0)
@@ -70,10 +70,10 @@ def _with_lines(made: RigCalibration, left: Image, right: Image) -> tuple[Canvas
 
 def _coverage(views: Sequence[BoardView], used: dict[str, bool], side: str, size: tuple[int, int]) -> Canvas:
     canvas: Canvas = np.full((size[1], size[0], 3), 245, np.uint8)
-    for index in range(1, 4):
+    for index in range(1, GRID):
         for a, b in (
-            ((index * size[0] // 4, 0), (index * size[0] // 4, size[1])),
-            ((0, index * size[1] // 4), (size[0], index * size[1] // 4)),
+            ((index * size[0] // GRID, 0), (index * size[0] // GRID, size[1])),
+            ((0, index * size[1] // GRID), (size[0], index * size[1] // GRID)),
         ):
             cv2.line(canvas, a, b, (215, 215, 215), 1)
     for view in views:

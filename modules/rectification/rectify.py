@@ -205,8 +205,45 @@ def max_ray_tangent(camera: Camera) -> float:
 
 def rectified_points(points: Array, camera: Camera, rotation: Array, calibration: Calibration, cx_px: float) -> Array:
     """Return where points (N, 2) of the raw image, column and row in px, lie in the rectified one."""
-    normal = _undistorted(points, camera, rotation)
+    normal = plane_points(points, camera, rotation)
     return normal * calibration.focal_px + [cx_px, calibration.cy_px]
+
+
+def plane_points(points: Array, camera: Camera, rotation: Array) -> Array:
+    """Return raw image points (N, 2), px, on the plane at focal length 1 of the camera turned by `rotation`."""
+    raw = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
+    coefficients = np.array(camera.distortion or (0.0,) * 4)
+    found: Any
+    if camera.model == "equidistant":
+        found = cv2.fisheye.undistortPoints(raw, camera.matrix, coefficients)
+        outwards = raw - camera.centre_px
+        # OpenCV's mark of a point beyond the model; and a ray beyond 90 degrees, whose tangent has the other sign.
+        lost = (np.abs(found).max(axis=2) > LOST) | (np.sum(found * outwards, axis=2) < 0.0)
+        outwards = outwards / np.maximum(np.abs(outwards).max(axis=2, keepdims=True), 1e-9)
+        found = np.where(lost[..., None], outwards * MAX_RAY_TANGENT, found)
+    else:
+        found = cv2.undistortPoints(raw, camera.matrix, coefficients)
+        for _ in range(POLISH):  # OpenCV stops after five steps, up to 0.2 px short at the corners of an image
+            rays = np.concatenate([found, np.ones_like(found[..., :1])], axis=2)
+            seen: Any = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, coefficients)[0]
+            step = (raw - seen) / camera.focal_px
+            step = np.where(np.abs(step).max(axis=2, keepdims=True) < MAX_STEP, step, 0.0)
+            found = found + step
+            if float(np.abs(step).max()) < CONVERGED:
+                break
+    turned = found.reshape(-1, 2) @ rotation[:, :2].T + rotation[:, 2]
+    return np.asarray(turned[:, :2] / turned[:, 2:], np.float64)
+
+
+def project_points(points: Array, camera: Camera) -> Array:
+    """Return where points (N, 3) in the optical frame are seen by a camera, float64 (N, 2) px."""
+    still, coefficients = np.zeros(3), np.array(camera.distortion or (0.0,) * 4)
+    found: Any
+    if camera.model == "equidistant":
+        found = cv2.fisheye.projectPoints(points.reshape(1, -1, 3), still, still, camera.matrix, coefficients)[0]
+    else:
+        found = cv2.projectPoints(points, still, still, camera.matrix, coefficients)[0]
+    return np.asarray(found, np.float64).reshape(-1, 2)
 
 
 def already_rectified(rig: StereoRig) -> Calibration | None:
@@ -239,28 +276,7 @@ def _view_directions(camera: Camera, rotation: Array, side: str) -> Array:
     fixed = {"left": (0.0, None), "right": (w, None), "top": (None, 0.0), "bottom": (None, h)}[side]
     x = np.full(BORDER_SAMPLES, fixed[0]) if fixed[0] is not None else along * w
     y = np.full(BORDER_SAMPLES, fixed[1]) if fixed[1] is not None else along * h
-    return np.clip(_undistorted(np.column_stack([x, y]), camera, rotation), -MAX_RAY_TANGENT, MAX_RAY_TANGENT)
-
-
-def _undistorted(points: Array, camera: Camera, rotation: Array) -> Array:
-    """Return raw image points (N, 2) on the rectified plane at focal length 1."""
-    raw = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
-    coefficients = np.array(camera.distortion or (0.0,) * 4)
-    found: Any
-    if camera.model == "equidistant":
-        found = cv2.fisheye.undistortPoints(raw, camera.matrix, coefficients)
-        lost = np.abs(found).max(axis=2) > LOST  # OpenCV's mark of a point beyond the model
-        outwards = (raw - camera.centre_px) / np.linalg.norm(raw - camera.centre_px, axis=2, keepdims=True)
-        found = np.where(lost[..., None], outwards * MAX_RAY_TANGENT, found)
-    else:
-        found = cv2.undistortPoints(raw, camera.matrix, coefficients)
-        for _ in range(POLISH):  # OpenCV stops after five steps, up to 0.2 px short at the corners of an image
-            rays = np.concatenate([found, np.ones_like(found[..., :1])], axis=2)
-            seen: Any = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, coefficients)[0]
-            step = (raw - seen) / camera.focal_px
-            step = np.where(np.abs(step).max(axis=2, keepdims=True) < MAX_STEP, step, 0.0)
-            found = found + step
-            if float(np.abs(step).max()) < CONVERGED:
-                break
-    turned = found.reshape(-1, 2) @ rotation[:, :2].T + rotation[:, 2]
-    return np.asarray(turned[:, :2] / turned[:, 2:], np.float64)
+    plane = plane_points(np.column_stack([x, y]), camera, np.eye(3))
+    plane = plane * np.minimum(1.0, MAX_RAY_TANGENT / np.maximum(np.abs(plane).max(axis=1, keepdims=True), 1e-9))
+    turned = plane @ rotation[:, :2].T + rotation[:, 2]
+    return np.clip(turned[:, :2] / turned[:, 2:], -MAX_RAY_TANGENT, MAX_RAY_TANGENT)

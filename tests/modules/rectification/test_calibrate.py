@@ -12,7 +12,7 @@ from expert.cli import main
 from modules.formats import FormatError, read_calibration, read_image, write_image
 from modules.formats.pairs import find_pairs
 from modules.rectification.calibrate import CalibrationFailed, calibrate_rig
-from modules.rectification.chessboard import BoardView, Chessboard, find_board, find_corners
+from modules.rectification.chessboard import BoardView, Chessboard, count_corners, find_board, find_corners
 
 REAL_SET = Path("/usr/share/doc/opencv-doc/examples/data")  # of Debian's package opencv-doc
 SIZE = (320, 240)
@@ -138,6 +138,84 @@ def test_wrong_usage_is_refused_and_nothing_is_written(folder, tmp_path, monkeyp
     assert code == 2
     assert words in complaint
     assert not (tmp_path / "out").exists()
+
+
+def test_the_size_of_another_board_is_named(folder, tmp_path, monkeypatch, capsys):
+    code, _, complaint = command(monkeypatch, capsys, folder, "--pattern", "9x6", "--out", tmp_path / "out")
+    assert code == 2
+    assert "The images seem to show a board of 7x5 inner corners; try --pattern 7x5" in complaint
+
+
+def test_a_board_is_counted_where_one_is_shown(images):
+    assert count_corners(left for left, _ in images[:3]) == (7, 5)
+    assert count_corners([left.T for left, _ in images[:3]]) == (7, 5)
+    assert count_corners([np.full((240, 320), 128, np.uint8)] * 3) is None
+    assert count_corners([images[0][0]]) is None  # one image may show a part of a board
+
+
+def test_corners_of_the_image_that_no_board_came_near_are_named():
+    everywhere = [
+        (x, y, z) for z in (0.6, 0.9) for x in (-0.3, -0.15, 0.0, 0.15, 0.3, 0.4) for y in (-0.2, -0.1, 0.0, 0.1, 0.2)
+    ]
+    above = [place for place in everywhere if place[1] <= 0.0]
+    whole, upper = (
+        calibrate_rig(boards.projected(boards.RIG, p, 0.05), boards.BOARD, SIZE) for p in (everywhere, above)
+    )
+    assert whole.blind == ((), ())
+    assert upper.blind == (("bottom left", "bottom right"),) * 2
+    assert upper.coverage[0] < 0.7 < whole.coverage[0]
+
+
+FISHEYE_PLACES = [(x, y, z) for z in (0.22, 0.3) for x in (-0.25, -0.1, 0.05, 0.2, 0.35) for y in (-0.15, 0.0, 0.15)]
+
+
+def test_fisheye_cameras_are_recovered_where_browns_model_cannot_follow():
+    views = boards.projected(boards.FISHEYE_RIG, FISHEYE_PLACES, 0.05)
+    assert len(views) >= 15
+    made = calibrate_rig(views, boards.BOARD, SIZE, "equidistant")
+    for side, truth in (("left", boards.FISHEYE_RIG.left), ("right", boards.FISHEYE_RIG.right)):
+        camera = getattr(made.rig, side)
+        assert camera.model == "equidistant"
+        np.testing.assert_allclose(camera.focal_px, truth.focal_px, rtol=0.003)
+        np.testing.assert_allclose(camera.centre_px, truth.centre_px, atol=0.3)
+    np.testing.assert_allclose(made.rig.translation_m, boards.RIG.translation_m, atol=0.0005)
+    np.testing.assert_allclose(made.rig.rotation, boards.RIG.rotation, atol=0.002)
+    off = made.rig.left.focal_px[0] - 110.0, made.rig.right.focal_px[0] - 111.0
+    assert (np.abs(off) < 4 * np.array(made.sigma_focal_px)).all()
+    assert made.total("reprojection_px") == pytest.approx(0.05 * np.sqrt(2), rel=0.15)  # the noise that was added
+    assert made.total("epipolar_px") < 0.15
+    other = calibrate_rig(views, boards.BOARD, SIZE)
+    assert other.total("reprojection_px") > 3 * made.total("reprojection_px")
+
+
+def test_a_fisheye_pair_out_of_step_is_dropped():
+    views = boards.projected(boards.FISHEYE_RIG, FISHEYE_PLACES, 0.05)
+    views[3] = replace(views[3], right_px=views[3].right_px + np.float32([1.0, 4.0]))
+    made = calibrate_rig(views, boards.BOARD, SIZE, "equidistant")
+    assert [error.name for error in made.errors if not error.used] == [views[3].name]
+    assert made.errors[3].reprojection_px > 1.0
+
+
+def test_a_fisheye_set_is_named_calibrated_and_rectified(tmp_path, monkeypatch, capsys):
+    (tmp_path / "boards").mkdir()
+    places = [(x, y, 0.24) for x in (-0.15, 0.05, 0.25) for y in (-0.12, 0.0, 0.12)]
+    for index, (rotation, place) in enumerate(boards.at(places)):
+        rig = boards.FISHEYE_RIG
+        left = boards.render(rig.left, rotation, place)
+        right = boards.render(rig.right, rig.rotation @ rotation, rig.rotation @ place + rig.translation_m)
+        write_image(tmp_path / "boards" / f"left{index:02d}.png", left)
+        write_image(tmp_path / "boards" / f"right{index:02d}.png", right)
+    usual = (tmp_path / "boards", "--pattern", "7x5", "--square", "0.04")
+    code, said, _ = command(monkeypatch, capsys, *usual, "--out", tmp_path / "wrong")
+    assert code == 1
+    assert "use --model fisheye" in said
+    code, said, _ = command(monkeypatch, capsys, *usual, "--model", "fisheye", "--out", tmp_path / "right")
+    assert "use --model" not in said
+    assert "note: the board was never seen in the top left" in said
+    assert json.loads((tmp_path / "right" / "errors.json").read_text())["epipolar_px"] < 0.3
+    found = read_calibration(tmp_path / "right" / "calibration.yaml").rig
+    assert (found.left.model, found.right.model) == ("equidistant", "equidistant")
+    np.testing.assert_allclose(found.left.focal_px, (110.0, 110.5), rtol=0.02)
 
 
 def test_the_command_prints_its_schema(monkeypatch, capsys):

@@ -33,6 +33,18 @@ def rig(left="radtan", right="radtan", width=640, height=480) -> StereoRig:
     return StereoRig(cameras[0], cameras[1], turn(0.8, -1.5, 0.6), (-0.12, 0.003, -0.002))
 
 
+def test_a_lens_of_more_than_180_degrees_is_rectified_within_what_a_plane_can_hold():
+    """The border of these images lies 101 degrees from the axis, where a tangent has the other sign."""
+    lens = Camera((180.0, 180.0), (319.5, 239.5), 640, 480, FISHEYE, "equidistant")
+    plan = plan_rectification(StereoRig(lens, lens, turn(0.5, -1.0, 0.4), (-0.1, 0.001, 0.002)))
+    c = plan.calibration
+    left, right = -c.cx_px / c.focal_px, (639 - c.cx_px) / c.focal_px
+    assert left < -2.0  # 63 degrees to both sides
+    assert right > 2.0
+    for rotation in (plan.left_rotation, plan.right_rotation):
+        assert rectification_map(lens, rotation, c, c.cx_px)[2].all()
+
+
 def project(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Project points (N, 3) of the camera's optical frame, by OpenCV's own models."""
     zero, k = np.zeros(3), np.array(camera.distortion or (0.0,) * 4)
