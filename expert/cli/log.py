@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from expert.cli.log_names import check_names
 from expert.cli.usage import UsageError
 
 Format = Literal["text", "csv", "json", "parquet"]
@@ -41,7 +42,9 @@ def log(
     from expert.batch.runlog import NAME, RunLog
 
     text, values = _query(status, rule, not_rule, finding, operator, slowest, changed, rules, runs, fact, sql)
-    names, found = RunLog(folder / NAME, read_only=True).query(text, values)
+    base = RunLog(folder / NAME, read_only=True)
+    check_names(base, status=status, rules=(rule, not_rule), finding=finding, operator=operator, fact=fact)
+    names, found = base.query(text, values)
     if format_ == "parquet":
         if out is None:
             raise UsageError("--format parquet needs --out FILE")

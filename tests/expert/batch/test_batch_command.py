@@ -111,6 +111,30 @@ def test_the_log_tells_of_the_last_run_which_pairs_fired_a_rule(logged: Path) ->
     assert ask(logged, "--rule", "RUN001") == []
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--rule", "RUN003"), r"there is no rule RUN003, .*; did you mean 'RUN00[12]'\?"),
+        (("--not-rule", "COR0111"), r"there is no rule COR0111, .*; did you mean 'COR01"),
+        (("--finding", "exposure-difers"), "there is no finding exposure-difers, .*; did you mean 'exposure-differs"),
+        (("--operator", "matching.blok_match"), "there is no operator .*; did you mean 'matching.block_match'"),
+        (("--fact", "brightness.gan"), "there is no fact brightness.gan, .*; did you mean 'brightness.gain'"),
+        (("--fact", "brightnes.*"), r"there is no fact brightnes\.\*"),
+        (("--status", "timedout"), "there is no status timedout, .*; did you mean 'timeout'"),
+    ],
+)
+def test_a_name_that_nothing_has_is_not_answered_by_no_rows(words: tuple[str, str], said: str, logged: Path) -> None:
+    with pytest.raises(UsageError, match=said):
+        told("log", logged, *words)
+
+
+@pytest.mark.parametrize(
+    "words", [("--rule", "MEA001"), ("--operator", "none"), ("--fact", "brightness.*"), ("--status", "timeout")]
+)
+def test_a_name_that_a_log_could_hold_may_have_no_rows(words: tuple[str, str], logged: Path) -> None:
+    assert ask(logged, *words) == []
+
+
 def test_the_log_comes_as_csv_and_as_parquet(logged: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     rows = list(csv.DictReader(io.StringIO(told("log", logged, "--slowest", 1, "--format", "csv"))))
