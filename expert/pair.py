@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from modules.formats.attitude import read_attitude
+from modules.formats.attitude import convention_of, read_attitude
 from modules.formats.calibration import (
     CalibrationFile,
     CalibrationSource,
@@ -16,7 +16,7 @@ from modules.formats.calibration import (
     read_calibration,
 )
 from modules.formats.images import read_image
-from modules.primitives.frames import rectified_mount
+from modules.primitives.frames import Convention, mount_in_flu, rectified_mount
 from modules.rectification.rectify import RectificationError, already_rectified, rectify_images
 from modules.types import (
     Attitude,
@@ -178,6 +178,7 @@ class StereoPair:
         rectified: bool = False,
         alpha: float | None = None,
         scale_calibration: bool = False,
+        convention: Convention = "rep103",
     ) -> StereoPair:
         """Read a pair from files, and rectify it where the calibration is of raw cameras.
 
@@ -195,6 +196,9 @@ class StereoPair:
             0 zooms until all pixels are valid, 1 keeps all the cameras saw; see `modules.rectification.rectify`.
         scale_calibration : bool
             Scale a calibration that was made for another size of the same images.
+        convention : {"rep103", "aerospace", "euroc"}
+            Axes of the inertial unit, for calibrations that state the cameras in them (EuRoC, Kalibr with a unit). An
+            attitude file states its own.
 
         Raises
         ------
@@ -204,6 +208,7 @@ class StereoPair:
             The images do not fit together.
         """
         if attitude is not None and not isinstance(attitude, Attitude):
+            convention = convention_of(attitude)
             attitude = read_attitude(Path(attitude))
         left_image, right_image = read_image(Path(left)), read_image(Path(right))
         if left_image.shape[:2] != right_image.shape[:2]:
@@ -223,7 +228,9 @@ class StereoPair:
         stated = read_calibration(calibration, pair.left.shape)
         fitting = for_images(stated, pair.left.shape, scale=scale_calibration)
         done = Preparation(stated.format, calibration_scale=_width(fitting) / _width(stated))
-        mount = None if fitting.body_is_imu and pair.attitude is None else fitting.mount
+        mount = fitting.mount
+        if fitting.body_is_imu and mount is not None:
+            mount = None if pair.attitude is None else mount_in_flu(mount, convention)
         pair = replace(pair, mount=mount, preparation=done)
         if fitting.rig is not None and not rectified:
             return pair.rectify(fitting.rig, alpha=alpha)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
+from modules.formats.imu import MAX_GAP_S
 from modules.primitives.frames import Convention
 
 LONGEST_NAME = 120  # bytes; file systems allow 255, and temporary folders need a few more
@@ -33,8 +34,10 @@ class Stated:
     rectified, scale_calibration : bool
     alpha : float or None
         How the calibration is used; see `StereoPair.load`.
-    convention : {"rep103", "aerospace"}
+    convention : {"rep103", "aerospace", "euroc"}
         Of angles and log.
+    max_gap_s : float
+        Longest gap of the log that is interpolated, s.
     mask : Path or None
         Image that is black where the robot itself is seen; see `StereoPair.without_masked`.
     datum_deg : (latitude, longitude) or None
@@ -53,6 +56,7 @@ class Stated:
     convention: Convention = "rep103"
     mask: Path | None = None
     datum_deg: tuple[float, float] | None = None
+    max_gap_s: float = MAX_GAP_S
 
     def over(self, common: Stated) -> Stated:
         """Return it with what is common where it says nothing; of the ways to state an attitude it keeps its own."""
@@ -110,7 +114,7 @@ class BatchItem:
         """What is stated beside the files, and which part each file plays."""
         own = self.stated
         parts = (len(own.calibration), own.attitude is not None, own.imu is not None, own.mask is not None)
-        reading = (own.rectified, own.scale_calibration, own.alpha, own.convention)
+        reading = (own.rectified, own.scale_calibration, own.alpha, own.convention, own.max_gap_s)
         return (own.angles_deg, own.time_s, own.disparity_range_px, own.datum_deg, *parts, *reading)
 
     def moved(self, files: Sequence[Path]) -> BatchItem:

@@ -224,6 +224,7 @@ def _load(item: BatchItem) -> StereoPair:
         rectified=own.rectified,
         alpha=own.alpha,
         scale_calibration=own.scale_calibration,
+        convention=own.convention,
     )
     pair = replace(pair, name=item.name)
     return pair if own.mask is None else pair.without_masked(own.mask)
@@ -233,7 +234,7 @@ def _attitude(own: Stated) -> Attitude | Path | None:
     if own.angles_deg is not None:
         return attitude_from_degrees(*own.angles_deg, convention=own.convention)
     if own.imu is not None and own.time_s is not None:
-        return _log(own.imu, own.convention, own.imu.stat().st_mtime_ns).at(own.time_s)
+        return _log(own.imu, own.convention, own.imu.stat().st_mtime_ns).at(own.time_s, max_gap_s=own.max_gap_s)
     return own.attitude
 
 

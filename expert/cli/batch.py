@@ -197,6 +197,7 @@ def _common(
         level.convention,
         None if mask is None else mask.resolve(),
         None if datum is None else (datum.latitude_deg, datum.longitude_deg),
+        level.max_gap,
     )
 
 

@@ -50,9 +50,17 @@ ImuOption = Annotated[
     Path | None, typer.Option("--imu", help="CSV log of the inertial unit; needs the time of each pair")
 ]
 TimeOption = Annotated[float | None, typer.Option("--time", help="Time of the pair on the clock of --imu, s")]
-Convention: TypeAlias = Literal["rep103", "aerospace"]
+MaxGapOption = Annotated[
+    float,
+    typer.Option("--max-gap", min=0.0, help="Longest gap in --imu that is interpolated, s; longer ones are refused"),
+]
+Convention: TypeAlias = Literal["rep103", "aerospace", "euroc"]
 ConventionOption = Annotated[
-    Convention, typer.Option("--convention", help="Of --roll --pitch --yaw and --imu; aerospace: nose up, heading")
+    Convention,
+    typer.Option(
+        "--convention",
+        help="Axes of --imu (euroc: x up, y right, z forward) and --roll --pitch --yaw (aerospace: nose up, heading)",
+    ),
 ]
 RangeOption = Annotated[
     tuple[int, int] | None, typer.Option("--disparity-range", metavar="MIN MAX", help="px; estimated if not given")
@@ -88,7 +96,12 @@ class CameraOptions:
     scale_calibration: ScaleOption = False
 
     def load(
-        self, left: Path, right: Path, attitude: Attitude | None = None, range_px: tuple[int, int] | None = None
+        self,
+        left: Path,
+        right: Path,
+        attitude: Attitude | None = None,
+        range_px: tuple[int, int] | None = None,
+        convention: Convention = "rep103",
     ) -> StereoPair:
         """Read a pair of these cameras.
 
@@ -110,6 +123,7 @@ class CameraOptions:
             rectified=self.rectified,
             alpha=self.alpha,
             scale_calibration=self.scale_calibration,
+            convention=convention,
         )
 
 
@@ -123,6 +137,7 @@ class AttitudeOptions:
     yaw: Degrees = None
     imu: ImuOption = None
     convention: ConventionOption = "rep103"
+    max_gap: MaxGapOption = 0.5
 
     def read(self, time_s: float | None) -> Attitude | None:
         """Return the attitude of a pair taken at a time, or None where none was given.
@@ -138,10 +153,16 @@ class AttitudeOptions:
         if (self.imu is None) != (time_s is None):
             raise UsageError("--imu LOG and --time T belong together; give both or neither")
         if self.imu is not None and time_s is not None:
-            return read_imu_log(self.imu, self.convention).at(time_s)
+            return read_imu_log(self.imu, self.convention).at(time_s, max_gap_s=self.max_gap)
         if self.attitude is not None:
             return read_attitude(self.attitude)
         return None if angles is None else attitude_from_degrees(*angles, convention=self.convention)
+
+    def body(self) -> Convention:
+        """Return the axes of the body in which the attitude was stated."""
+        from modules.formats.attitude import convention_of
+
+        return self.convention if self.attitude is None else convention_of(self.attitude)
 
     def angles_deg(self) -> tuple[float, float, float | None] | None:
         """Return roll, pitch and yaw, or None where none was given.
@@ -172,7 +193,9 @@ class PairOptions:
 
     def load(self) -> StereoPair:
         """Read the pair."""
-        return self.cameras.load(self.left, self.right, self.stated.read(self.time), self.disparity_range)
+        return self.cameras.load(
+            self.left, self.right, self.stated.read(self.time), self.disparity_range, self.stated.body()
+        )
 
 
 @dataclass(frozen=True)

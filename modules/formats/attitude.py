@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modules.formats._text import number, numbers, read_mapping, read_text, write_text
 from modules.formats.errors import FormatError
 from modules.primitives.frames import (
+    FLU_FROM_BODY,
     STANDARD_GRAVITY_MPS2,
     Convention,
     angles_from_rotation,
@@ -30,7 +31,7 @@ FIELDS = (*ANGLES, *RADIANS, *FORMS, "convention", "sigma_deg")
 LIMIT_DEG = {"roll_deg": 90.0, "pitch_deg": 90.0, "yaw_deg": 360.0, "sigma_deg": 90.0}
 NORM_TOLERANCE = 0.01
 GRAVITY_TOLERANCE = 0.05  # of a body at rest, with the bias of a cheap accelerometer
-CONVENTIONS: tuple[Convention, ...] = ("rep103", "aerospace")
+CONVENTIONS: tuple[Convention, ...] = ("rep103", "aerospace", "euroc")
 
 
 def read_attitude(path: Path | str) -> Attitude:
@@ -48,7 +49,8 @@ def read_attitude(path: Path | str) -> Attitude:
         optional `sigma_deg`, and `convention`: `rep103` (the default: body front-left-up, positive pitch lowers the
         nose, positive roll lowers the right side, positive yaw turns left) or `aerospace` (body front-right-down,
         world north-east-down: positive pitch raises the nose, yaw is the heading, clockwise from north; the level frame
-        is then east-north-up, unless no heading is given).
+        is then east-north-up, unless no heading is given), or `euroc` (an inertial unit with x up, y right, z forward
+        in a world whose z points up; no angles).
 
     Returns
     -------
@@ -67,7 +69,7 @@ def read_attitude(path: Path | str) -> Attitude:
         raise FormatError(f"{path}: sigma_deg is {sigma:g} and must not be negative")
     convention = mapping.get("convention", "rep103")
     if convention not in CONVENTIONS:
-        raise FormatError(f"{path}: convention is {convention!r}; known are {' and '.join(CONVENTIONS)}")
+        raise FormatError(f"{path}: convention is {convention!r}; known are {', '.join(CONVENTIONS)}")
     given = [name for name in FORMS if name in mapping]
     given += [names[0] for names in ([n for n in group if n in mapping] for group in (ANGLES, RADIANS)) if names]
     if len(given) > 1:
@@ -88,6 +90,12 @@ def read_attitude(path: Path | str) -> Attitude:
     return attitude_from_degrees(roll, pitch, heading, sigma, convention=convention, source=path)
 
 
+def convention_of(path: Path | str) -> Convention:
+    """Return the convention that an attitude file states, which `read_attitude` has accepted."""
+    mapping = read_mapping(Path(path), read_text(Path(path), "attitude"), "attitude", FIELDS)
+    return next(name for name in CONVENTIONS if name == mapping.get("convention", "rep103"))
+
+
 def attitude_from_degrees(
     roll_deg: float,
     pitch_deg: float,
@@ -106,6 +114,11 @@ def attitude_from_degrees(
     FormatError
         When an angle is out of range or not finite.
     """
+    if convention == "euroc":
+        raise FormatError(
+            f"{source}: roll, pitch and yaw have no meaning for the convention 'euroc'; "
+            "give a quaternion, a rotation matrix or the accelerometer"
+        )
     yaw = 0.0 if yaw_deg is None else yaw_deg
     values = (("roll_deg", roll_deg), ("pitch_deg", pitch_deg), ("yaw_deg", yaw), ("sigma_deg", sigma_deg))
     roll, pitch, yaw, sigma = (math.radians(_in_range(source, name, value)) for name, value in values)
@@ -126,8 +139,16 @@ def attitude_from_rotation(
     """
     if convention == "aerospace":
         rotation = rep103_from_aerospace(rotation)
+    else:
+        rotation = rotation @ FLU_FROM_BODY[convention].T
+    if rotation[2, 2] < 0.0:
+        away = math.degrees(math.acos(max(-1.0, float(rotation[2, 2]))))
+        raise FormatError(
+            f"{source}: the body lies on its side or back, its up axis {away:.0f} deg from up, by the convention "
+            f"{convention!r}; if it has other axes, name them: {', '.join(n for n in CONVENTIONS if n != convention)} "
+            "(--convention, or convention in the file); otherwise check the order of the components"
+        )
     roll, pitch, yaw = angles_from_rotation(rotation)
-    _in_range(source, "roll_deg", math.degrees(roll))
     return Attitude(roll, pitch, yaw, math.radians(sigma_deg))
 
 
@@ -150,8 +171,7 @@ def attitude_from_gravity(
             f"{GRAVITY_TOLERANCE:.0%}; {remedy}"
         )
     up = reading_mps2 / length
-    if convention == "aerospace":
-        up = up * np.array([1.0, -1.0, -1.0])
+    up = FLU_FROM_BODY[convention] @ up
     if up[2] < 0.0:
         raise FormatError(
             f"{source}: the accelerometer reads {up[2] * length:.3g} m/s^2 along the body's up axis and must read "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -28,6 +29,7 @@ MAX_GAP_S = 0.5  # between the records on both sides of an interpolated time; lo
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 TIME_NAMES = {f"{name}_{unit}": scale for name in ("time", "timestamp") for unit, scale in TIME_UNITS.items()}
 QUATERNION = ("qw", "qx", "qy", "qz")
+EUROC_QUATERNION = {"q_rs_w", "q_rs_x", "q_rs_y", "q_rs_z"}
 DEGREES, RADIANS = ("roll_deg", "pitch_deg", "yaw_deg"), ("roll_rad", "pitch_rad", "yaw_rad")
 ACCELEROMETER = ("ax_mps2", "ay_mps2", "az_mps2")
 FORMS = (QUATERNION, DEGREES, RADIANS, ACCELEROMETER)
@@ -90,7 +92,7 @@ class ImuLog:
         if gap > max_gap_s:
             raise FormatError(
                 f"{self.name} has a gap of {gap:.3f} s at {time_s:.3f} s, above {max_gap_s:g} s; "
-                "the attitude may have changed meanwhile: take a pair from elsewhere or allow a longer gap"
+                "the attitude may have changed meanwhile: take another pair, or allow the gap (--max-gap, max_gap_s)"
             )
         rotation = self.level_from_body[nearest]
         if method == "interpolate" and after != before:
@@ -113,8 +115,8 @@ def read_imu_log(path: Path | str, convention: Convention = "rep103") -> ImuLog:
     path : Path or str
         CSV whose first line names the columns: `time_s` (or `timestamp_s`, `_ms`, `_us`, `_ns`), and one of `qw`, `qx`,
         `qy`, `qz`; `roll_deg`, `pitch_deg`, `yaw_deg` (or `_rad`); `ax_mps2`, `ay_mps2`, `az_mps2` of a body at rest.
-        Other columns are ignored.
-    convention : {"rep103", "aerospace"}
+        Other columns are ignored. The names of EuRoC's ground truth are known, too (`timestamp`, `q_RS_w []`).
+    convention : {"rep103", "aerospace", "euroc"}
         Axes of the log; see `read_attitude`.
 
     Raises
@@ -126,7 +128,7 @@ def read_imu_log(path: Path | str, convention: Convention = "rep103") -> ImuLog:
     rows = list(csv.reader(io.StringIO(read_text(path, "log", max_bytes=500_000_000))))
     if not rows:
         raise FormatError(f"{path} is empty; a log begins with the names of its columns")
-    header = [name.strip().lstrip("#").strip().lower() for name in rows[0]]
+    header = _names(rows[0])
     time_name = next((name for name in header if name in TIME_NAMES), None)
     form = next((names for names in FORMS if set(names) <= set(header)), None)
     if time_name is None or form is None:
@@ -148,6 +150,15 @@ def read_imu_log(path: Path | str, convention: Convention = "rep103") -> ImuLog:
         raise FormatError(f"{path} has no records after its first line; log while the images are taken")
     _check_order(path, times)
     return ImuLog(str(path), np.array([time for _, time in times]), np.array(rotations))
+
+
+def _names(row: list[str]) -> list[str]:
+    """Return the names of the columns, those of EuRoC's ground truth under ours: its times are in ns, `q_RS` is one."""
+    names = [name.strip().lstrip("#").strip().lower() for name in row]
+    if {name.partition(" ")[0] for name in names} >= EUROC_QUATERNION:
+        names = [name.partition(" ")[0].replace("q_rs_", "q") for name in names]
+        return ["timestamp_ns" if name == "timestamp" else name for name in names]
+    return [re.sub(r" \[([mun]?s)\]$", r"_\1", name) for name in names]
 
 
 def _rotation(source: str, form: tuple[str, ...], values: list[float], convention: Convention) -> NDArray[np.float64]:

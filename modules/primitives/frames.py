@@ -11,11 +11,17 @@ roll               positive lowers the right side              the same
 pitch              positive lowers the nose                    positive raises the nose
 yaw                positive turns left; from east in a map     heading, positive turns right, from north
 =================  ==========================================  =========================================
+
+An inertial unit that is built in upright (`euroc`: x up, y right, z forward, as that of the EuRoC sequences, in a world
+whose z points up) states rotations, not these angles.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -24,11 +30,19 @@ from numpy.typing import NDArray
 from modules.types import Attitude, Mount
 
 Matrix: TypeAlias = NDArray[np.float64]
-Convention: TypeAlias = Literal["rep103", "aerospace"]
+Convention: TypeAlias = Literal["rep103", "aerospace", "euroc"]
 
 STANDARD_GRAVITY_MPS2 = 9.80665  # ISO 80000-3
 ORTHONORMAL_TOLERANCE = 1e-3
 FLU_FROM_FRD: Matrix = np.diag([1.0, -1.0, -1.0])
+FLU_FROM_BODY: Mapping[Convention, Matrix] = MappingProxyType(
+    {
+        "rep103": np.eye(3),
+        "aerospace": FLU_FROM_FRD,
+        "euroc": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
+    }
+)
+"""Rotations that take the body axes of a convention to forward, left, up."""
 ENU_FROM_NED: Matrix = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
@@ -104,6 +118,13 @@ def nearest_rotation(matrix: Matrix) -> Matrix:
 def level_from_body(attitude: Attitude) -> Matrix:
     """Return the rotation (3, 3) that takes body coordinates to level coordinates."""
     return rotation_from_angles(attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad)
+
+
+def mount_in_flu(mount: Mount, convention: Convention) -> Mount:
+    """Return a mount whose body axes are those of a convention as one whose body is forward, left, up."""
+    flu_from_body = FLU_FROM_BODY[convention]
+    x, y, z = (float(value) for value in flu_from_body @ np.asarray(mount.translation_m))
+    return replace(mount, rotation=flu_from_body @ mount.rotation, translation_m=(x, y, z))
 
 
 def enu_from_level(heading_rad: float) -> Matrix:

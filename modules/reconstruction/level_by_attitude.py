@@ -48,7 +48,7 @@ def level_by_attitude(scene: Scene, params: LevelByAttitudeParams) -> Scene:
         if abs(math.degrees(value)) > params.max_tilt_deg:
             raise OperatorError(
                 f"{name} is {math.degrees(value):.1f} deg, beyond the limit of {params.max_tilt_deg:g} deg; "
-                "check the sign and unit of the attitude, or raise max_tilt_deg"
+                "check sign, unit and convention (axes) of the attitude, or raise max_tilt_deg"
             )
     return replace(scene, ground=None)
 

@@ -192,6 +192,15 @@ def test_the_attitude_of_a_log_is_used_at_the_time_of_the_pair(
     assert '"pitch_deg": -2.0' in capsys.readouterr().out  # nose up 2 degrees
 
 
+def test_a_gap_of_the_log_is_refused_with_the_option_that_allows_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "imu.csv").write_text(IMU, encoding="utf-8")
+    arguments = ("decide", "left.png", "right.png", "--imu", "imu.csv", "--time", "0.1", "--max-gap")
+    assert "has a gap of 0.400 s at 0.100 s, above 0.3 s" in refused(folder, monkeypatch, capsys, *arguments, "0.3")
+    assert terrex(monkeypatch, *arguments, "0.4") == 0
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

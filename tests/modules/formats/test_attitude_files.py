@@ -155,8 +155,11 @@ def test_a_rounded_matrix_is_made_a_rotation():
             "the accelerometer reads -9.8 m/s^2 along the body's up axis and must read above 0: at rest it points up, "
             "against gravity; change its sign, or name the convention of its axes",
         ),
-        ("convention: nasa\nroll_deg: 1\n", "convention is 'nasa'; known are rep103 and aerospace"),
-        ("quaternion: {w: 0, x: 1, y: 0, z: 0}\n", "roll_deg is 180 deg, outside -90 to 90 deg"),
+        ("convention: nasa\nroll_deg: 1\n", "convention is 'nasa'; known are rep103, aerospace, euroc"),
+        (
+            "quaternion: {w: 0, x: 1, y: 0, z: 0}\n",
+            "the body lies on its side or back, its up axis 180 deg from up, by the convention 'rep103'",
+        ),
     ],
 )
 def test_impossible_attitudes_are_refused_with_the_remedy(tmp_path, text, words):
@@ -169,5 +172,8 @@ def test_impossible_attitudes_are_refused_with_the_remedy(tmp_path, text, words)
 def test_an_attitude_in_the_other_convention_stands_on_its_head_and_is_noticed():
     """A front-right-down attitude read as front-left-up is upside down: the fault is seen, not mapped."""
     level = np.diag([1.0, -1.0, -1.0])  # level, of a body frame with z down against a world with z up
-    with pytest.raises(f.FormatError, match="roll_deg is"):
+    with pytest.raises(
+        f.FormatError,
+        match="lies on its side or back, its up axis 180 deg from up, by the convention 'rep103'; if it has",
+    ):
         attitude_from_rotation("log", level)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from modules import formats as f
-from modules.primitives.frames import level_from_body, rotation_from_angles
+from modules.primitives.frames import level_from_body, mount_in_flu, rotation_from_angles
+from modules.types import Mount
 
 ANGLES = "time_s,roll_deg,pitch_deg,yaw_deg\n10.0,0,0,0\n10.1,2,-4,10\n10.2,4,-8,20\n12.0,4,-8,20\n"
 
@@ -64,7 +65,8 @@ def test_an_accelerometer_log_and_an_aerospace_log_are_read(tmp_path):
             9.0,
             "runs from 10.000 to 12.000 s and 9.000 s is outside; check that the images and the log use",
         ),
-        (11.0, "has a gap of 1.800 s at 11.000 s, above 0.5 s; the attitude may have changed meanwhile: take a pair"),
+        (11.0, "has a gap of 1.800 s at 11.000 s, above 0.5 s; the attitude may have changed meanwhile: take another"),
+        (11.0, "or allow the gap (--max-gap, max_gap_s)"),
     ],
 )
 def test_times_without_a_record_are_refused(tmp_path, time, words):
@@ -108,3 +110,59 @@ def test_many_lines_out_of_order_are_counted(tmp_path):
     rows = "".join(f"{-index},1,0,0,0\n" for index in range(12))
     with pytest.raises(f.FormatError, match=r"line 7: -5\.000000 s after -4\.000000 s and 6 more\)"):
         log(tmp_path, "time_s,qw,qx,qy,qz\n" + rows)
+
+
+EUROC = """#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []
+1403636580838555648,4.6,-1.7,0.7,{},{},{},{}
+"""
+
+
+def upright(roll_deg, pitch_deg, yaw_deg):
+    """EuRoC's unit, x up, y right, z forward, in a body of these angles: the text of its ground truth."""
+    from scipy.spatial.transform import Rotation
+
+    axes = np.array(
+        [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
+    )  # columns: x up, y right, z forward, in the body
+    x, y, z, w = Rotation.from_matrix(
+        rotation_from_angles(*np.radians([roll_deg, pitch_deg, yaw_deg])) @ axes
+    ).as_quat()
+    return EUROC.format(w, x, y, z)
+
+
+def test_the_ground_truth_of_euroc_is_read_by_its_own_names_and_axes(tmp_path):
+    found = log(tmp_path, upright(3.0, -5.0, 40.0), "euroc")
+    assert found.time_s[0] == pytest.approx(1403636580.838555648)
+    assert degrees(found.at(found.time_s[0])) == pytest.approx([3.0, -5.0, 40.0])
+
+
+def test_a_unit_with_other_axes_is_refused_with_the_way_to_name_them(tmp_path):
+    with pytest.raises(f.FormatError) as error:
+        log(tmp_path, upright(3.0, 5.0, 40.0).replace("1403636580838555648", "1"))
+    assert "imu.csv:2: the body lies on its side or back, its up axis" in str(error.value)
+    assert "by the convention 'rep103'; if it has other axes, name them: aerospace, euroc (--convention," in str(
+        error.value
+    )
+
+
+def test_angles_have_no_meaning_for_a_unit_that_is_built_in_upright(tmp_path):
+    with pytest.raises(f.FormatError, match="no meaning for the convention 'euroc'; give a quaternion"):
+        log(tmp_path, ANGLES, "euroc")
+
+
+def test_an_upright_accelerometer_reads_gravity_along_its_x(tmp_path):
+    text = "timestamp [ns],ax_mps2,ay_mps2,az_mps2\n0,9.65765,0,-1.70291\n"
+    assert degrees(log(tmp_path, text, "euroc").at(0.0)) == pytest.approx([0, 10, 0], abs=1e-3)
+
+
+def test_camera_and_unit_point_the_same_way_in_any_axes_of_the_unit(tmp_path):
+    """The camera of a unit that is built in upright, stated in its axes, as T_BS does."""
+    upright_from_body = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])
+    body = Mount(translation_m=(0.2, 0.05, 1.0))
+    stated = Mount(upright_from_body @ body.rotation, tuple(upright_from_body @ body.translation_m))
+    found = mount_in_flu(stated, "euroc")
+    np.testing.assert_allclose(found.rotation, body.rotation, atol=1e-12)
+    assert found.translation_m == pytest.approx(body.translation_m)
+    front_right_down = Mount(np.diag([1.0, -1.0, -1.0]) @ body.rotation, (0.2, -0.05, -1.0))
+    np.testing.assert_allclose(mount_in_flu(front_right_down, "aerospace").rotation, body.rotation, atol=1e-12)
+    assert mount_in_flu(front_right_down, "aerospace").translation_m == pytest.approx(body.translation_m)
