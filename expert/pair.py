@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,10 +35,18 @@ from modules.types import (
 
 MIN_SIDE_PX = 16
 MAX_MEGAPIXELS = 100.0
+_ONLY_CAMERA = re.compile(r"(left|l|im|img|image|cam|camera|view)[_-]?\d?", re.IGNORECASE)
 
 
 class PairError(ValueError):
     """A pair that cannot be used; the message names the value, the limit and the remedy."""
+
+
+def _name_of(left: Path) -> str:
+    """Name a pair after the file of its left image, or after the folder where that only names the camera."""
+    path = Path(os.path.abspath(left))
+    name = path.parent.name if _ONLY_CAMERA.fullmatch(path.stem) and path.parent.name else path.stem
+    return name.encode("utf-8", "backslashreplace").decode()  # names of files need not be UTF-8
 
 
 def _checked_image(name: str, image: object) -> Image:
@@ -221,7 +231,7 @@ class StereoPair:
             right_image,
             disparity_range_px=disparity_range_px,
             attitude=attitude,
-            name=Path(left).stem.encode("utf-8", "backslashreplace").decode(),  # names of files need not be UTF-8
+            name=_name_of(Path(left)),
         )
         if calibration is None:
             return pair

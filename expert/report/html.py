@@ -153,7 +153,7 @@ def as_html(decision: Decision, files: Mapping[str, bytes], answers: Answers | N
         decision=decision,
         verdict=verdict(decision),
         pair=pair_pictures(files),
-        disparity=disparity_pictures(files),
+        disparity=disparity_pictures(files, _fields(decision, "rig")),
         terrain=ground,
         page_3d="" if ground is None else _quoted(ground.page),
         viewer_hash=viewer_script_hash(),
@@ -169,6 +169,11 @@ def as_html(decision: Decision, files: Mapping[str, bytes], answers: Answers | N
         plan=_plan(decision),
         record=decision.to_json(),
     )
+
+
+def _fields(decision: Decision, template: str) -> Mapping[str, object]:
+    """Return the fields of a fact that there is one of."""
+    return next((record.fields for record in decision.facts if record.template == template), {})
 
 
 def _quoted(page: str) -> Markup:

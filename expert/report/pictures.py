@@ -21,6 +21,7 @@ FILES = (
     "right_corrected.png",
     "validity.png",
     "disparity_view.png",
+    "disparity.pfm",
     "confidence.png",
     "ortho.png",
     "layers.npz",
@@ -33,6 +34,7 @@ MAX_BYTES = 450_000  # of one picture, so that the whole report stays below 8 MB
 JPEG_QUALITIES = (85, 60)
 PNG_SIGNATURE, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 BINS = 64
+THUMBNAIL_PX = 320
 PLOT_WIDTH, PLOT_HEIGHT = 256, 100
 
 
@@ -122,6 +124,19 @@ def drawing(name: str, content: bytes) -> Picture:
     if 0 < max(width, height) <= MAX_SIDE_PX and len(content) <= MAX_BYTES:
         return _packed("png", content, (height, width))
     return picture(decode(name, content), photo=False)
+
+
+def thumbnail(name: str, content: bytes) -> Picture:
+    """Return a PNG no wider than `THUMBNAIL_PX`.
+
+    Raises
+    ------
+    ValueError
+        It is no image.
+    """
+    image = _eight_bit(decode(name, content))
+    scale = THUMBNAIL_PX / image.shape[1]
+    return picture(_resized(image, scale) if scale < 1 else image, photo=True)
 
 
 def _png_size(content: bytes) -> tuple[int, int]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from expert.report.pictures import Picture, decode, drawing, picture
-from modules.types import Image, Invalid
+from expert.report.pictures import Picture, decode, drawing, picture, thumbnail
+from modules.formats.disparity import parse_pfm, view_range_px
+from modules.formats.errors import FormatError
+from modules.types import FloatImage, Image, Invalid
 
 REASONS = {
     Invalid.NO_MATCH: ("the matcher gave no disparity", "#e15759"),
@@ -40,10 +43,21 @@ class Share:
 
 
 @dataclass(frozen=True)
+class DisparityScale:
+    """The colours of the disparity with what their ends stand for, in px and, where a calibration is known, in m."""
+
+    bar: str
+    low: str
+    high: str
+
+
+@dataclass(frozen=True)
 class DisparityPictures:
     """What the run did not write is None or empty."""
 
     disparity: Picture | None = None
+    scale: DisparityScale | None = None
+    small: Picture | None = None
     validity: Picture | None = None
     confidence: Picture | None = None
     valid: Share | None = None
@@ -78,8 +92,30 @@ def validity_picture(validity: Image) -> Picture:
     return picture(colours[validity], photo=False)
 
 
-def disparity_pictures(files: Mapping[str, bytes]) -> DisparityPictures:
+def _scale(disparity_px: FloatImage, rig: Mapping[str, object]) -> DisparityScale:
+    low, high = view_range_px(disparity_px)
+    ramp = cv2.applyColorMap(np.arange(0, 256, 15, dtype=np.uint8), cv2.COLORMAP_TURBO)[:, 0, ::-1]
+    bar = ", ".join(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in ramp)
+    return DisparityScale(bar, _end(low, rig), _end(high, rig))
+
+
+def _end(disparity_px: float, rig: Mapping[str, object]) -> str:
+    """Write a disparity, and the depth `focal * baseline / (d + doffs)` where the rig is known."""
+    focal, baseline, doffs = (rig.get(name) for name in ("focal_px", "baseline_m", "doffs_px"))
+    if not isinstance(focal, int | float) or not isinstance(baseline, int | float):
+        return f"{disparity_px:.1f} px"
+    shifted = disparity_px + (doffs if isinstance(doffs, int | float) else 0.0)
+    return f"{disparity_px:.1f} px, " + (f"{focal * baseline / shifted:.3g} m" if shifted > 0 else "infinitely far")
+
+
+def disparity_pictures(files: Mapping[str, bytes], rig: Mapping[str, object]) -> DisparityPictures:
     """Make the pictures of the disparity.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+    rig : mapping
+        Fields of the fact `rig`; without focal length and baseline no depth is told.
 
     Raises
     ------
@@ -89,8 +125,15 @@ def disparity_pictures(files: Mapping[str, bytes]) -> DisparityPictures:
     disparity, confidence = (
         drawing(name, files[name]) if name in files else None for name in ("disparity_view.png", "confidence.png")
     )
+    small = thumbnail("disparity_view.png", files["disparity_view.png"]) if disparity else None
+    scale = None
+    if "disparity.pfm" in files:
+        try:
+            scale = _scale(parse_pfm("disparity.pfm", files["disparity.pfm"]), rig)
+        except FormatError as error:
+            raise ValueError(str(error)) from error
     if "validity.png" not in files:
-        return DisparityPictures(disparity, None, confidence)
+        return DisparityPictures(disparity, scale, small, None, confidence)
     validity = decode("validity.png", files["validity.png"])
     valid, reasons = validity_shares(validity)
-    return DisparityPictures(disparity, validity_picture(validity), confidence, valid, tuple(reasons))
+    return DisparityPictures(disparity, scale, small, validity_picture(validity), confidence, valid, tuple(reasons))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from expert.decision import Decision, FindingRecord
 from expert.facts import Scalar
@@ -11,7 +12,9 @@ from expert.plan import Step
 from expert.report.words import number_text
 from modules.catalog import operators
 
+Grade = Literal["good", "care", "bad"]
 ABOUT_PAIR = ("measurement", "correction")  # findings of later stages are about the products
+LEAST_MASKED = 0.005  # share of the pixels from which on masks are told
 MOST = 4  # things that a sentence names
 _DONE = {
     "decided": "A plan was made and nothing was run yet",
@@ -23,11 +26,12 @@ _DONE = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Three sentences."""
+    """Three sentences, and the worst that was found: `bad` also where nothing could be reconstructed."""
 
     wrong: str
     done: str
     trust: str
+    grade: Grade
 
     @property
     def text(self) -> str:
@@ -37,7 +41,14 @@ class Verdict:
 
 def verdict(decision: Decision) -> Verdict:
     """Say what was wrong with the pair, what was done, and what to trust."""
-    return Verdict(_wrong(decision), _done(decision), _trust(decision))
+    return Verdict(_wrong(decision), _done(decision), _trust(decision), _grade(decision))
+
+
+def _grade(decision: Decision) -> Grade:
+    found = {finding.severity for finding in decision.findings}
+    if decision.status == "failed" or "critical" in found:
+        return "bad"
+    return "care" if "major" in found else "good"
 
 
 def _joined(parts: Sequence[str]) -> str:
@@ -134,13 +145,27 @@ def _trust(decision: Decision) -> str:
     return f"{trusted}; but {_joined(doubts)}." if doubts else f"{trusted}."
 
 
+def _percent(share: float) -> str:
+    """Write a share as whole percent; what is not everything is not told as everything.
+
+    Examples
+    --------
+    >>> _percent(0.984), _percent(0.998), _percent(1.0)
+    ('98 %', 'over 99 %', '100 %')
+    """
+    return "over 99 %" if 0.995 <= share < 1.0 else f"{100 * share:.0f} %"
+
+
 def _measured(facts: dict[str, dict[str, Scalar]]) -> Iterator[str]:
     """Say how much of the products is there and how uncertain it is."""
     quality, terrain = facts.get("disparity_quality", {}), facts.get("terrain_quality", {})
     density, right = quality.get("density_fraction"), quality.get("confidence_mean")
     if density is not None:
-        text = f"the disparity of {100 * float(density):.0f} % of the pixels"
-        yield text if right is None else f"{text} ({100 * float(right):.0f} % of these are likely right within 1 px)"
+        masked = 1.0 - float(quality.get("usable_fraction", 1.0))
+        notes = [] if right is None else [f"{_percent(float(right))} of these are likely right within 1 px"]
+        notes += [f"masks exclude {_percent(masked)}"] if masked >= LEAST_MASKED else []
+        text = f"the disparity of {_percent(float(density) * (1.0 - masked))} of the pixels"
+        yield f"{text} ({'; '.join(notes)})" if notes else text
     area, sigma = terrain.get("covered_m2"), terrain.get("median_sigma_m")
     if area is not None and sigma is not None:
         yield f"the heights of {float(area):.1f} m2 of ground to {100 * float(sigma):.1f} cm (1 sigma, median)"

@@ -38,18 +38,27 @@ def read_pfm(path: Path | str) -> FloatImage:
     FormatError
         When the file is missing, no gray PFM, too large or of another length than its header says.
     """
-    path = Path(path)
-    content = _content(path)
+    return parse_pfm(str(path), _content(Path(path)))
+
+
+def parse_pfm(name: str, content: bytes) -> FloatImage:
+    """Read the content of a gray PFM as `read_pfm` does; `name` is for messages.
+
+    Raises
+    ------
+    FormatError
+        As `read_pfm`.
+    """
     header = re.match(rb"Pf\s+(\d+)\s+(\d+)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)\s", content)
     if header is None:
-        raise FormatError(f"{path} does not begin like a gray PFM ('Pf', width and height, scale); give a PFM file")
+        raise FormatError(f"{name} does not begin like a gray PFM ('Pf', width and height, scale); give a PFM file")
     width, height, scale = int(header[1]), int(header[2]), float(header[3])
     if width * height > MAX_PIXELS or width * height == 0:
-        raise FormatError(f"{path} is {width}x{height} px; 1 to {MAX_PIXELS} px are possible, crop it")
+        raise FormatError(f"{name} is {width}x{height} px; 1 to {MAX_PIXELS} px are possible, crop it")
     data = content[header.end() :]
     if len(data) != 4 * width * height:
         raise FormatError(
-            f"{path} holds {len(data)} bytes of data and {width}x{height} px need {4 * width * height}; copy it again"
+            f"{name} holds {len(data)} bytes of data and {width}x{height} px need {4 * width * height}; copy it again"
         )
     values = np.frombuffer(data, "<f4" if scale < 0 else ">f4").reshape(height, width)[::-1].astype(np.float32)
     return np.where(np.isfinite(values), values, np.float32(np.nan))
@@ -102,11 +111,18 @@ def read_validity_png(path: Path | str) -> NDArray[np.uint16]:
     return stored.astype(np.uint16)
 
 
+def view_range_px(disparity_px: FloatImage) -> tuple[float, float]:
+    """Return what the ends of the colours of a disparity view stand for: the 1st and 99th percentile, px."""
+    valid = disparity_px[np.isfinite(disparity_px)]
+    low, high = np.percentile(valid, [1.0, 99.0]) if valid.size else (0.0, 1.0)
+    return float(low), float(high)
+
+
 def write_disparity_view(path: Path | str, disparity_px: FloatImage) -> None:
-    """Write a colour picture for people: Turbo between the 1st and 99th percentile, black where invalid."""
+    """Write a colour picture for people: Turbo over `view_range_px`, black where invalid."""
     valid = np.isfinite(disparity_px)
-    low, high = np.percentile(disparity_px[valid], [1.0, 99.0]) if valid.any() else (0.0, 1.0)
-    scaled = np.clip((np.where(valid, disparity_px, low) - low) / max(float(high - low), 1e-6), 0.0, 1.0)
+    low, high = view_range_px(disparity_px)
+    scaled = np.clip((np.where(valid, disparity_px, low) - low) / max(high - low, 1e-6), 0.0, 1.0)
     colours = cv2.applyColorMap(np.rint(scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[:, :, ::-1]
     write_image(path, np.where(valid[..., None], colours, 0).astype(np.uint8))
 

@@ -27,6 +27,9 @@ class DisparityQuality(FactModel):
 
     template: ClassVar[str] = "disparity_quality"
 
+    usable_fraction: float = quantity(
+        "share of the pixels that no mask excludes", ge=0, le=1, resolution=1e-4, default=1.0
+    )
     density_fraction: float = quantity("share of the usable pixels that have a disparity", ge=0, le=1, resolution=1e-4)
     left_right_rejected_fraction: float = quantity(
         "share of the usable pixels rejected by the left-right check", ge=0, le=1, resolution=1e-4
@@ -172,6 +175,7 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
     trust = _Trust() if disparity.confidence is None else _trust(disparity.confidence[valid])
     return [
         DisparityQuality(
+            usable_fraction=np.count_nonzero(usable) / usable.size,
             density_fraction=density,
             left_right_rejected_fraction=rejected(Invalid.LEFT_RIGHT),
             not_unique_fraction=rejected(Invalid.NOT_UNIQUE),

@@ -228,7 +228,7 @@ def test_a_pair_loads_from_files(system: ExpertSystem, tmp_path: Path) -> None:
     np.testing.assert_array_equal(pair.left, as_rgb(shifted()[0]))
     assert pair.attitude is not None
     assert pair.attitude.roll_rad == pytest.approx(np.radians(5.0))
-    assert pair.name == "left"
+    assert pair.name == tmp_path.name
 
 
 def with_nan() -> np.ndarray:
@@ -381,3 +381,22 @@ def test_spawned_processes_decide_the_same_and_send_their_decisions_back() -> No
     system = ExpertSystem()
     assert [decision.core() for decision in found] == [system.decide(shifted_pair(seed)).core() for seed in (1, 2)]
     assert found[0].why_not("matching.block_match").name == "matching.block_match"
+
+
+@pytest.mark.parametrize(
+    ("left", "name"),
+    [
+        ("day 3/left.png", "day 3"),
+        ("Adirondack/im0.png", "Adirondack"),
+        ("x/../ridge/Left_1.png", "ridge"),
+        ("pairs/left_0042.png", "left_0042"),
+        ("image_0/000001.png", "000001"),
+    ],
+)
+def test_a_pair_is_named_after_what_tells_it_from_others(left: str, name: str, tmp_path: Path) -> None:
+    path = tmp_path / left
+    path.parent.mkdir(parents=True)
+    (tmp_path / "x").mkdir(exist_ok=True)
+    path.parent.resolve().mkdir(parents=True, exist_ok=True)
+    write_image(path, GOOD)
+    assert StereoPair.load(path, path).name == name

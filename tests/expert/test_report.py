@@ -26,6 +26,7 @@ from expert.report.validity import validity_shares
 from expert.result import Result
 from modules.catalog import operators
 from modules.formats import FormatError
+from modules.formats.disparity import view_range_px, write_pfm
 from modules.formats.layers import parse_layers
 from modules.formats.viewer import viewer_page
 from modules.types import Disparity, Views
@@ -91,7 +92,7 @@ def test_the_policy_of_the_page_allows_its_own_script_only() -> None:
 
 def test_pictures_have_texts_controls_have_labels_and_links_have_targets() -> None:
     page = Page(as_html(record(), pair_images()))
-    assert len(page.of("img", "alt")) == page.tags.count("img") == 3 + 3 + 6
+    assert len(page.of("img", "alt")) == page.tags.count("img") == 2 + 3 + 3 + 6
     assert all(page.of("img", "alt"))
     assert len(page.of("svg", "aria-label")) == 6 + 1  # histograms and graph
     assert len(page.of("svg", "aria-hidden")) == 6  # the rings over the maps say nothing new
@@ -305,3 +306,26 @@ def test_every_operator_not_chosen_is_answered_in_place(tmp_path: Path) -> None:
     for name in set(operators()) - chosen:
         assert f"Why not <code>{name}</code>?" in page
     assert not any(f"Why not <code>{name}</code>?" in page for name in chosen)
+
+
+def test_the_disparity_tells_what_its_colours_stand_for(tmp_path: Path) -> None:
+    disparity = np.tile(np.linspace(10.0, 50.0, 101, dtype=np.float32), (4, 1))
+    write_pfm(tmp_path / "disparity.pfm", disparity)
+    files = {**pair_images(), "disparity.pfm": (tmp_path / "disparity.pfm").read_bytes()}
+    low, high = view_range_px(disparity)
+    assert (low, high) == pytest.approx((10.4, 49.6))
+    page = as_html(record(), files)
+    assert "<span>10.4 px</span><span>49.6 px</span>" in page
+    rig = FactRecord(template="rig", fields={"focal_px": 496.0, "baseline_m": 0.1, "doffs_px": 0.0})
+    assert "<span>10.4 px, 4.77 m</span><span>49.6 px, 1 m</span>" in as_html(record(facts=(rig,)), files)
+    rig = FactRecord(template="rig", fields={"focal_px": 496.0, "baseline_m": 0.1, "doffs_px": -20.0})
+    assert "<span>10.4 px, infinitely far</span>" in as_html(record(facts=(rig,)), files)
+    with pytest.raises(ValueError, match=r"disparity\.pfm does not begin like a gray PFM"):
+        as_html(record(), {**files, "disparity.pfm": b"broken"})
+
+
+def test_the_result_stands_beside_the_verdict() -> None:
+    page = as_html(record(), pair_images())
+    top = page[page.index('<section id="verdict"') : page.index("</section>")]
+    assert re.findall(r'<a href="#(\w+)"><img src="data:', top) == ["disparity", "terrain"]
+    assert 'class="results"' not in as_html(record(), {})

@@ -118,3 +118,27 @@ def test_every_rendering_begins_with_the_three_sentences() -> None:
     assert as_summary(decision).splitlines()[1:4] == [f"  {told.wrong}", f"  {told.done}", f"  {told.trust}"]
     head = as_markdown(decision).replace("\\", "").split("\n\n")[1].splitlines()
     assert head == [f"- {told.wrong}", f"- {told.done}", f"- {told.trust}"]
+
+
+@pytest.mark.parametrize(
+    ("severities", "status", "grade"),
+    [
+        ((), "reconstructed", "good"),
+        (("minor",), "reconstructed", "good"),
+        (("minor", "major"), "reconstructed", "care"),
+        (("major", "critical"), "reconstructed", "bad"),
+        ((), "failed", "bad"),
+    ],
+)
+def test_the_grade_is_that_of_the_worst_finding(severities: tuple[str, ...], status: str, grade: str) -> None:
+    found = tuple(finding(f"f{number}", severity, "something") for number, severity in enumerate(severities))
+    assert verdict(record(findings=found, status=status)).grade == grade
+
+
+def test_what_masks_exclude_is_not_counted_as_there() -> None:
+    quality = {"density_fraction": 0.98, "usable_fraction": 0.75, "confidence_mean": 0.997}
+    told = verdict(record(facts=(FactRecord(template="disparity_quality", fields=quality),)))
+    assert told.trust == (
+        "Trust the disparity of 74 % of the pixels (over 99 % of these are likely right within 1 px; "
+        "masks exclude 25 %)."
+    )

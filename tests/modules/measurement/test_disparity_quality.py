@@ -99,3 +99,13 @@ def test_an_empty_map_scores_zero_and_no_map_gives_no_fact() -> None:
     assert fact.score == 0.0
     assert fact.confidence_mean == 0.0
     assert PROBE.function(Matching(pair())) == []
+
+
+def test_what_a_mask_excludes_counts_as_unusable_and_nothing_else() -> None:
+    views = pair()
+    mask = np.ones(views.shape, bool)
+    mask[: views.shape[0] // 4] = False
+    fact = measure(SHIFT, replace(views, left_mask=mask))
+    assert fact.usable_fraction == pytest.approx(1 - (views.shape[0] // 4) / views.shape[0], abs=1e-4)
+    assert fact.density_fraction == pytest.approx(1 - SHIFT / 120)
+    assert measure(SHIFT).usable_fraction == 1.0
