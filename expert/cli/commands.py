@@ -88,14 +88,21 @@ def decide(
     system: SystemOptions,
     budgets: BudgetOptions,
     json: Annotated[bool, typer.Option("--json", help="Print the whole record")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="Also print facts, what lost and why, and every rule that fired")
+    ] = False,
     previous: PreviousOption = None,
 ) -> None:
     """Measure a pair and print what would be done and why; nothing is matched."""
+    from expert.report import as_outline
+
     loaded, earlier = pair.load(), read_previous(previous)
     expert = system.system(budgets=budgets)
     with _progress() as progress:
         decision = expert.decide(loaded, progress=progress, previous=earlier)
-    typer.echo(decision.to_json() if json else decision.text(), nl=False)
+    typer.echo(decision.to_json() if json else decision.text() if full else as_outline(decision), nl=False)
+    if not (json or full):
+        typer.echo("\n--full also prints facts, what lost and why, and what each rule says; --json prints the record")
     if decision.status == "failed":
         raise typer.Exit(1)
 

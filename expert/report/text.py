@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,7 +10,9 @@ from expert.decision import Decision
 from expert.report.answers import Answers, answer
 from expert.report.rows import Choice, FactRow, choices, fact_rows, rules_fired
 from expert.report.verdict import verdict
+from expert.report.words import parameter_text, why
 
+WIDTH = 120  # columns of an outline
 SUMMARY = ("Findings", "Notes", "What was done, and why", "Trials")
 
 
@@ -80,12 +83,15 @@ def _record(decision: Decision) -> Iterator[str]:
         yield f"{name} {number}"
 
 
+def _findings(decision: Decision) -> list[str]:
+    return [f"{f.severity}: {f.sentence} ({', '.join(f.rules) or f.stage})" for f in decision.findings]
+
+
 def sections(decision: Decision, answers: Answers) -> Iterator[Section]:
     """Yield everything that a report says after its verdict, except the facts that no rule fired on."""
-    findings = [f"{f.severity}: {f.sentence} ({', '.join(f.rules) or f.stage})" for f in decision.findings]
     mattered = [fact_line(row) for row in fact_rows(decision, answers) if row.mattered]
     spent = sorted(decision.timings_s.items(), key=lambda item: (-item[1], item[0]))
-    yield Section("Findings", tuple(findings))
+    yield Section("Findings", tuple(_findings(decision)))
     yield Section("Notes", decision.notes)
     yield Section("What was done, and why", tuple(_steps(decision)))
     yield Section("Why not another operator?", tuple(_why_not(answers)))
@@ -111,6 +117,37 @@ def as_text(decision: Decision, answers: Answers | None = None) -> str:
         if section.lines:
             lines += ["", section.title, *(f"  {line}" for line in section.lines)]
     return "\n".join(lines) + "\n"
+
+
+def as_outline(decision: Decision) -> str:
+    """Return what fits a screen: verdict, findings, the plan with who chose each operator, and the rules that fired."""
+    told = verdict(decision)
+    lines = [f"{decision.pair}:", f"  {told.wrong}", f"  {told.done}", f"  {told.trust}"]
+    for title, found in (
+        ("Findings", [f"  {line}" for line in _findings(decision)]),
+        ("Plan", list(_plan(decision))),
+        ("Rules that fired", list(_fired(decision))),
+    ):
+        lines += ["", title, *found] if found else []
+    return "\n".join(lines) + "\n"
+
+
+def _plan(decision: Decision) -> Iterator[str]:
+    """Yield a line for each operator, and one for the rule that chose it."""
+    for stage, plan in decision.plans.items():
+        for step in plan.steps:
+            if step.operator != "none":
+                default = "" if step.chosen_by else ", the default"
+                yield f"  {stage}.{step.slot}: {step.operator}{parameter_text(step)}{default}"
+                if step.chosen_by:
+                    yield "      " + textwrap.shorten(f"because {why(decision, step)}", WIDTH - 6, placeholder=" ...")
+
+
+def _fired(decision: Decision) -> Iterator[str]:
+    names = dict.fromkeys(f"{firing.rule} {firing.name}" for firing in decision.firings)
+    text = ", ".join(name.replace(" ", "\0") for name in names)  # no line ends between an id and its name
+    lines = textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+    yield from (line.replace("\0", " ") for line in lines)
 
 
 def as_summary(decision: Decision) -> str:

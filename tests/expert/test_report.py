@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_reports import EVIL, layers, pair_images, png, record
+from synthetic_pairs import shifted_pair
 
 from expert.api import ExpertSystem
 from expert.cli import main
 from expert.decision import Decision, FactRecord
 from expert.pair import StereoPair
-from expert.report import as_html, as_markdown, as_text, render_again, verdict
+from expert.report import as_html, as_markdown, as_outline, as_text, render_again, verdict
 from expert.report.pictures import MAX_BYTES, MAX_SIDE_PX, decode, drawing, histograms, pair_pictures, picture
 from expert.report.terrain import terrain
 from expert.report.validity import validity_shares
@@ -329,3 +330,17 @@ def test_the_result_stands_beside_the_verdict() -> None:
     top = page[page.index('<section id="verdict"') : page.index("</section>")]
     assert re.findall(r'<a href="#(\w+)"><img src="data:', top) == ["disparity", "terrain"]
     assert 'class="results"' not in as_html(record(), {})
+
+
+def test_an_outline_tells_who_chose_what_and_who_fired_on_a_screen() -> None:
+    decision = ExpertSystem(engine="compiled").decide(shifted_pair())
+    lines = as_outline(decision).splitlines()
+    assert len(lines) <= 50
+    assert max(len(line) for line in lines[5:]) <= 120
+    for step in decision.steps():
+        (place,) = [number for number, line in enumerate(lines) if f".{step.slot}: {step.operator}" in line]
+        assert lines[place].endswith(", the default") == (step.chosen_by is None)
+        assert step.chosen_by is None or lines[place + 1].startswith(f"      because {step.chosen_by} ")
+    fired = " ".join(lines[lines.index("Rules that fired") :])
+    assert all(f"{firing.rule} {firing.name}" in fired for firing in decision.firings)
+    assert all(finding.sentence in "\n".join(lines) for finding in decision.findings)
