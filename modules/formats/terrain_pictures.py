@@ -189,19 +189,29 @@ def _relief(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[Flo
     picture = _coloured(height, scale) * (0.3 + 0.75 * _shade(height, grid.cell_m))[..., None]
     step = round_step((scale.high - scale.low) / 8.0)
     picture = np.where(_contours(height, known, step)[..., None], picture * 0.5, picture)
-    return picture.clip(0, 255).astype(np.float32), scale, f"contours every {step:g} m"
+    words = f"contours every {step:g} m, {_reach(elevation, known)}"
+    return picture.clip(0, 255).astype(np.float32), scale, words
 
 
 def _height(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
     scale = _height_scale(elevation, known)
-    return _coloured(elevation, scale).astype(np.float32), scale, ""
+    return _coloured(elevation, scale).astype(np.float32), scale, _reach(elevation, known)
+
+
+def _reach(elevation: FloatImage, known: Mask) -> str:
+    """Say the lowest and the highest height, which lie beyond the ends of the colours."""
+    return f"heights from {elevation[known].min():.2f} to {elevation[known].max():.2f} m"
 
 
 def _slope(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
     scale = Scale(_palette(cv2.COLORMAP_INFERNO), 0.0, STEEPEST_DEG, "deg")
     slope = np.asarray(grid.layers["slope_deg"], np.float32)
     picture = _coloured(slope, scale).astype(np.float32)
-    return np.where(np.isfinite(slope)[..., None], picture, 128.0).astype(np.float32), scale, "grey: patch incomplete"
+    return (
+        np.where(np.isfinite(slope)[..., None], picture, 128.0).astype(np.float32),
+        scale,
+        f"colours end at {STEEPEST_DEG:g} deg, grey: patch incomplete",
+    )
 
 
 def _traversability(grid: ElevationMap, elevation: FloatImage, known: Mask) -> tuple[FloatImage, Scale, str]:
@@ -214,13 +224,17 @@ def _traversability(grid: ElevationMap, elevation: FloatImage, known: Mask) -> t
     hazard = np.asarray(grid.layers["hazard"]) if "hazard" in grid.layers else np.zeros(known.shape, np.uint8)
     for code, colour in HAZARD_COLOURS.items():
         picture = np.where((hazard == code)[..., None], colour, picture)
-    return picture.clip(0, 255).astype(np.float32), scale, "red step, violet roughness, orange slope"
+    return (
+        picture.clip(0, 255).astype(np.float32),
+        scale,
+        "1 safe, 0 not; hazards: red step, violet roughness, orange slope",
+    )
 
 
 _DRAWERS = {"relief": _relief, "height": _height, "slope": _slope, "traversability": _traversability}
 _TITLES = {
-    "relief": "Relief",
-    "height": "Height",
+    "relief": "Height above the origin",
+    "height": "Height above the origin",
     "slope": "Slope",
     "traversability": "Traversability",
     "coverage": "Coverage",
@@ -280,13 +294,15 @@ def _framed(drawn: Colours, grid: ElevationMap, kind: Kind, drawing: MapDrawing)
     canvas = np.full((HEAD_PX + height + FOOT_PX, MARGIN_PX + total + BAR_PX, 3), PAPER, np.uint8)
     left = MARGIN_PX + (total - width) // 2
     canvas[HEAD_PX : HEAD_PX + height, left : left + width] = drawn
-    title = f"{_TITLES[kind]}  {drawing.words}".rstrip()
+    title = ": ".join(part for part in (_TITLES[kind], drawing.words) if part)
     _text(canvas, title, (MARGIN_PX, 22), 0.5)
     y = HEAD_PX + height + 16
     bar_m = round_step(total / px_per_m / 6.0)
     cv2.rectangle(canvas, (MARGIN_PX, y - 5), (MARGIN_PX + round(bar_m * px_per_m), y), INK, -1)
     _text(canvas, f"{bar_m:g} m", (MARGIN_PX, y + 18), 0.45)
-    unknown = "dark: unknown" + (", pale: filled" if kind in _DRAWERS and kind != "traversability" else "")
+    unknown = f"dark: {'out of view' if kind == 'coverage' else 'unknown'}" + (
+        ", pale: filled" if kind in _DRAWERS and kind != "traversability" else ""
+    )
     _text(canvas, f"x ahead is up, y left; rings about the rover; {unknown}", (MARGIN_PX + 90, y + 18), 0.42)
     if drawing.scale is not None:
         _draw_colour_bar(canvas, drawing.scale, MARGIN_PX + total + 14, HEAD_PX + 8, min(height - 16, 320))

@@ -114,7 +114,7 @@ def _data(grid: ElevationMap, colours: NDArray[np.uint8] | None, thin: int) -> d
         "farthest": farthest,
         "ring": round_step(farthest / 8.0),
         "height": _base64(height.astype("<u2")),
-        "size": f"{np.count_nonzero(known)} cells of {cell:g} m" + (f", every {thin}th" if thin > 1 else ""),
+        "size": f"{np.count_nonzero(known)} cells of {cell:.3g} m" + (f", every {thin}th" if thin > 1 else ""),
     }
     data["layers"] = _layers(grid, colours, thin, known, data)
     return data

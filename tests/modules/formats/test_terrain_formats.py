@@ -16,7 +16,7 @@ import yaml
 
 from modules import formats as f
 from modules.formats.layers import parse_layers, write_layers
-from modules.formats.terrain_pictures import UNKNOWN, write_ortho
+from modules.formats.terrain_pictures import UNKNOWN, draw_map, write_ortho
 from modules.formats.viewer import write_viewer
 from modules.primitives.surface import surface_of
 from modules.types import Datum, ElevationMap, Hazard, PointCloud
@@ -293,6 +293,16 @@ def test_a_high_corner_is_drawn_where_it_lies(tmp_path):
     rows, columns = np.nonzero(yellow[:, :860])
     assert rows.mean() < 0.35 * picture.shape[0]
     assert columns.mean() > 0.6 * 860
+
+
+def test_pictures_say_what_their_colours_leave_out():
+    """The colours end at 2 and 98 % of the heights; a rock above is one of them all the same."""
+    elevation = grid()
+    elevation.layers["elevation"][0, 0] = 7.0
+    for kind in ("relief", "height"):
+        assert "heights from -0.58 to 7.00 m" in draw_map(elevation, kind).words
+    assert draw_map(elevation, "slope").words.startswith("colours end at 40 deg")
+    assert draw_map(elevation, "traversability").words.startswith("1 safe, 0 not")
 
 
 def test_a_picture_without_its_layer_is_refused(tmp_path):
