@@ -138,7 +138,10 @@ def run_here(
                     outcome = _outcome(future, item, limits)
                     if outcome is not None:
                         yield item, outcome
-            pool.close()
+            if stopping():
+                pool.stop()  # every worker is idle, or still starting for a pair that was called off
+            else:
+                pool.close()
         except BaseException:
             pool.stop()
             raise
