@@ -2,11 +2,11 @@
 
     python -m benchmarks.terrain_faults [--seeds 6] [--first 0] [--faults "doffs -4,wrong sign"]
 
-Roll and pitch of the wrong sign, a disparity offset (doffs), a sky that leaks (a response curve in the right camera)
-and patches of the right image moved by 10 px, which would make spikes. Printed are, over the seeds: how many have the
-finding that belongs to the fault in the end, how many were run again for it, the median elevation error within 6 m, and
-the tilt of the ground; a map levelled by its ground plane is left out of the error. A disparity offset that brings
-points nearer looks like ground of another slope and height: no fact of one pair tells it.
+Roll and pitch of the wrong sign or in radians, a disparity offset (doffs), a sky that leaks (a response curve in the
+right camera) and patches of the right image moved by 10 px, which would make spikes. Printed are, over the seeds: how
+many have the finding that belongs to the fault in the end, how many were run again for it, the median elevation error
+within 6 m, and the tilt of the ground; a map levelled by its ground plane is left out of the error. A disparity offset
+that brings points nearer looks like ground of another slope and height: no fact of one pair tells it.
 """
 
 from __future__ import annotations
@@ -45,6 +45,13 @@ def wrong_sign(made: RenderedPair, seed: int) -> StereoPair:
     return replace(clean(made, seed), attitude=Attitude(-true.roll_rad, -true.pitch_rad, true.yaw_rad))
 
 
+def radians(made: RenderedPair, seed: int) -> StereoPair:
+    true = made.attitude
+    return replace(
+        clean(made, seed), attitude=Attitude(math.radians(true.roll_rad), math.radians(true.pitch_rad), true.yaw_rad)
+    )
+
+
 def offset(doffs_px: float) -> Callable[[RenderedPair, int], StereoPair]:
     def make(made: RenderedPair, seed: int) -> StereoPair:
         return replace(clean(made, seed), calibration=replace(made.calibration, doffs_px=doffs_px))
@@ -71,6 +78,7 @@ OFFSET = (("points-behind-camera",), ("REC082",))
 FAULTS = {
     "none": Fault(clean, (), ()),
     "wrong sign": Fault(wrong_sign, ("attitude-sign-doubtful", "attitude-not-used"), ("REC041",)),
+    "radians": Fault(radians, ("attitude-unit-doubtful",), ()),
     **{f"doffs {px:g}": Fault(offset(px), *OFFSET) for px in (-8.0, -4.0, -2.5, 2.5, 4.0)},
     "sky": Fault(sky, ("sky-leaked",), ("REC081", "REC044")),
     "spikes": Fault(spikes, ("terrain-spiky",), ("REC045",)),

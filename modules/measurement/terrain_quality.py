@@ -109,6 +109,14 @@ class TerrainQuality(FactModel):
         resolution=0.01,
         default=None,
     )
+    radians_tilt_deg: float | None = quantity(
+        "Tilt of the dominant plane, were the numbers of roll and pitch radians and not degrees; if they can be",
+        unit="deg",
+        ge=0.0,
+        le=90.0,
+        resolution=0.01,
+        default=None,
+    )
     ground_height_ratio: float | None = quantity(
         "Height of the dominant plane under the camera over that of the camera; 0 where the wheels stand on it",
         resolution=0.001,
@@ -270,8 +278,15 @@ def _against_attitude(scene: Scene, plane: tuple[float, float, float]) -> dict[s
     a, b, c = plane
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
     up_body = level_from_body(attitude).T @ normal
-    negated = Attitude(-attitude.roll_rad, -attitude.pitch_rad, attitude.yaw_rad)
-    found = {"negated_tilt_deg": math.degrees(math.acos(min(1.0, abs(float((level_from_body(negated) @ up_body)[2])))))}
+
+    def tilt_deg(roll_rad: float, pitch_rad: float) -> float:
+        up = level_from_body(Attitude(roll_rad, pitch_rad, attitude.yaw_rad)) @ up_body
+        return math.degrees(math.acos(min(1.0, abs(float(up[2])))))
+
+    found = {"negated_tilt_deg": tilt_deg(-attitude.roll_rad, -attitude.pitch_rad)}
+    as_radians = math.degrees(attitude.roll_rad), math.degrees(attitude.pitch_rad)
+    if max(map(abs, as_radians)) < math.pi / 2:
+        found["radians_tilt_deg"] = tilt_deg(*as_radians)
     camera = level_from_body(attitude) @ np.asarray(scene.mount.translation_m)
     if camera[2] > LEAST_CAMERA_M:
         found["ground_height_ratio"] = float((a * camera[0] + b * camera[1] + c) / camera[2])

@@ -174,6 +174,8 @@ def misplaced_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision
     right = StereoPair(made.left, made.right, calibration=made.calibration, mount=made.mount, attitude=made.attitude)
     negated = Attitude(-made.attitude.roll_rad, -made.attitude.pitch_rad)
     yield system.reconstruct(replace(right, attitude=negated)).decision
+    radians = Attitude(np.radians(made.attitude.roll_rad), np.radians(made.attitude.pitch_rad))
+    yield system.reconstruct(replace(right, attitude=radians)).decision
     half = Attitude(made.attitude.roll_rad, -made.attitude.pitch_rad)
     yield system.reconstruct(replace(right, attitude=half, disparity_range_px=(0, 10))).decision
     for change in ({"baseline_m": 0.15}, {"doffs_px": -7.0}):

@@ -54,6 +54,17 @@ def test_a_wrong_sign_of_the_pitch_is_seen_under_the_negated_attitude():
     assert fact.levelled_by == "attitude"
 
 
+def test_radians_given_for_degrees_are_seen_under_57_times_the_attitude():
+    true = Attitude(roll_rad=math.radians(4.0), pitch_rad=math.radians(-6.0))
+    body = ground() @ level_from_body(true)
+    wrong = Attitude(roll_rad=math.radians(true.roll_rad), pitch_rad=math.radians(true.pitch_rad))
+    (fact,) = of(scene_of(body @ level_from_body(wrong).T, wrong), TerrainQuality)
+    assert fact.plane_tilt_deg == pytest.approx(7.1, abs=0.2)
+    assert fact.radians_tilt_deg == pytest.approx(0.0, abs=0.1)
+    (fact,) = of(scene_of(body @ level_from_body(true).T, true), TerrainQuality)
+    assert fact.radians_tilt_deg is None  # 6 rad are no pitch
+
+
 @pytest.mark.parametrize(("height", "ratio"), [(0.0, 0.0), (-0.5, -0.5), (0.2, 0.2)])
 def test_the_ground_height_is_relative_to_the_camera(height, ratio):
     (fact,) = of(scene_of(ground(height=height), Attitude()), TerrainQuality)
