@@ -283,9 +283,10 @@ def before_intensities() -> Iterator[Decision]:
     shadow = np.where((np.arange(WIDTH) // 60) % 2, 0.3, 0.7)
     fast = ExpertSystem(profile="fast", engine="compiled")
     y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
-    for light in (1 - 0.3 * (x**2 + y**2), np.broadcast_to(across, x.shape), np.broadcast_to(shadow, x.shape)):
+    corners = 1 - 0.3 * (x**2 + y**2)
+    for light in (corners, np.broadcast_to(across, x.shape), corners * across, np.broadcast_to(shadow, x.shape)):
         yield fast.decide(StereoPair(left, np.clip(right * light, 0, 255).astype(np.uint8)))
-    grey = np.repeat(right[..., None], 3, -1) * (1 - 0.3 * (x**2 + y**2))[..., None]
+    grey = np.repeat(right[..., None], 3, -1) * corners[..., None]
     tinted = np.clip(grey * (1.15, 1.0, 0.8), 0, 255).astype(np.uint8)
     yield fast.decide(StereoPair(np.repeat(left[..., None], 3, -1), tinted))
     yield fast.reconstruct(StereoPair(texture(2)[:, :WIDTH], texture(3)[:, :WIDTH])).decision
