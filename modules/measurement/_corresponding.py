@@ -123,9 +123,17 @@ def fit_light(blocks: Corresponding) -> LightFit:
     """Explain the log ratio by a cubic of the log brightness (any smooth tone curve) and by place.
 
     Both are fitted together: where bright things lie in the middle, a curve would take the place of vignetting.
+
+    Brightness is that of the left image or of the right one, whichever explains less: on a scene of one material the
+    brightness of an image shows the light that fell into it alone, and would explain that light as a tone curve.
     """
+    fits = (_fit_light(blocks, level) for level in (blocks.left, blocks.right))
+    return max(fits, key=lambda fit: fit.patchy)
+
+
+def _fit_light(blocks: Corresponding, level: Blocks) -> LightFit:
     ratio = log_ratio(blocks.left, blocks.right)
-    tone = np.log(blocks.left + LOG_FLOOR_DN)
+    tone = np.log(level + LOG_FLOOR_DN)
     tone = (tone - tone.mean()) / max(float(tone.std()), 1e-3)
     shape = np.stack([blocks.x**2 + blocks.y**2, blocks.x, blocks.y], axis=1)
     design = np.column_stack([np.ones_like(tone), tone, tone**2, tone**3, shape])
