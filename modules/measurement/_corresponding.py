@@ -24,6 +24,8 @@ PATCH_BLOCKS = 6  # fewer blocks do not make a patch
 BRIGHT_DN = 30.0  # patches are compared on blocks as bright as this, where half of the blocks are
 SCALE_FLOOR = 0.01  # smallest robust deviation of log ratios
 MODEL_ERROR = (0.025, 0.035, 0.015)  # of radial, across and down: parallax and gloss look like a little of each
+USUAL_PATCHY = 0.03  # nine in ten pairs that differ by no local light read less
+CLEARLY = 1.5  # patches are larger by this factor before the other image is asked
 CORRELATED = 3.0  # standard errors of independent blocks are too small by this: neighbours err alike
 
 
@@ -124,11 +126,12 @@ def fit_light(blocks: Corresponding) -> LightFit:
 
     Both are fitted together: where bright things lie in the middle, a curve would take the place of vignetting.
 
-    Brightness is that of the left image or of the right one, whichever explains less: on a scene of one material the
-    brightness of an image shows the light that fell into it alone, and would explain that light as a tone curve.
+    Brightness is that of the left image, or of the right one where the left one's explains clearly more: on a scene of
+    one material the brightness of an image shows the light that fell into it alone, and would explain that light as a
+    tone curve.
     """
-    fits = (_fit_light(blocks, level) for level in (blocks.left, blocks.right))
-    return max(fits, key=lambda fit: fit.patchy)
+    left, right = (_fit_light(blocks, level) for level in (blocks.left, blocks.right))
+    return right if right.patchy > CLEARLY * max(left.patchy, USUAL_PATCHY) else left
 
 
 def _fit_light(blocks: Corresponding, level: Blocks) -> LightFit:
