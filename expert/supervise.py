@@ -54,7 +54,6 @@ class Run:
     plans: dict[Stage, StagePlan] = field(default_factory=dict)
     product_facts: dict[Stage, Mapping[Fact, str | None]] = field(default_factory=dict)
     kept: dict[Stage, Attempt] = field(default_factory=dict)
-    failed: dict[Stage, frozenset[str]] = field(default_factory=dict)  # operators that are excluded since they failed
     _made: dict[Any, Attempt] = field(default_factory=dict)  # what was run on request of a later stage
     trials: list[TrialRecord] = field(default_factory=list)
     timings_s: dict[str, float] = field(default_factory=dict)
@@ -264,7 +263,7 @@ class Run:
                 self.record_failure(plan, number, error)
                 if any(error.operator in attempt.plan.operators() for attempt in attempts):
                     break  # it works, but not as the repair asked
-                self.failed[stage] = failed = failed | {error.operator}
+                failed |= {error.operator}
                 self.concluded[stage] = result
                 continue
             found, assessed = self.assess(stage, extra, subject, product, result)
@@ -273,7 +272,7 @@ class Run:
                 for name in earlier
                 if name in self.plans
             }
-            attempt = Attempt(number, plan, product, found, assessed, before, directives)
+            attempt = Attempt(number, plan, product, found, assessed, before, directives, failed)
             attempts.append(attempt)
             extended = self._extend(directives, attempt.assessed)
             self.trials.append(trial_record(stage, attempt, asks(extended, directives), self.knowledge.words))
@@ -350,17 +349,17 @@ class Run:
         StepFailed
             An operator could not do its work.
         """
-        kept, failed = self.kept[stage], self.failed.get(stage, frozenset())
+        kept = self.kept[stage]
         both = kept.directives.joined(directives)
         state = start(both)
-        plan = self.plan(stage, both, failed, kept.number)
+        plan = self.plan(stage, both, kept.failed, kept.number)
         so_far = STAGES[: STAGES.index(stage) + 1]
         key = tuple(self.plans[name].configuration() for name in so_far if name in self.plans)
         if key not in self._made:
             product = self.execute(plan, state)
-            extra = trial_facts(stage, kept.number, failed)
+            extra = trial_facts(stage, kept.number, kept.failed)
             found, assessed = self.assess(stage, extra, subject, product, self.concluded[stage])
-            self._made[key] = Attempt(kept.number, plan, product, found, assessed, {}, both)
+            self._made[key] = Attempt(kept.number, plan, product, found, assessed, {}, both, kept.failed)
         made = self._made[key]
         self.product_facts[stage], self.concluded[stage] = made.found, made.assessed
         return made.product

@@ -16,6 +16,7 @@ from expert.rules.model import Stage
 from modules.operator import Operator
 from modules.probe import FactModel
 
+FAILED, GIVEN_UP = "operator-failed", "trial-given-up"  # findings that no rule names
 Earlier = tuple[Firings, StagePlan, Mapping[Fact, str | None]]
 
 
@@ -30,6 +31,7 @@ class Attempt:
     assessed: Firings
     earlier: Mapping[Stage, Earlier]  # what the stages before had concluded, run and produced
     directives: Directives
+    failed: frozenset[str]  # operators that had failed before it, and were excluded
 
     @property
     def score(self) -> float | None:
@@ -79,7 +81,7 @@ def given_up(stage: Stage, needed_s: float, left_s: float, budget_s: float) -> F
         f"another trial of the {stage} was given up: it is predicted to take {needed_s:.2f} s, and about "
         f"{max(left_s, 0.0):.2f} s of the time budget of {budget_s:g} s are left"
     )
-    return FindingRecord(name="trial-given-up", severity="minor", sentence=sentence, rules=(), stage=stage)
+    return FindingRecord(name=GIVEN_UP, severity="minor", sentence=sentence, rules=(), stage=stage)
 
 
 def failures(
@@ -97,7 +99,5 @@ def failures(
         answered = fills != NONE and (fills != failed or record.stage in kept)  # the same one with other parameters
         sentence = f"an operator could not do its work - {record.failure}"
         severity: Severity = "minor" if answered else "major"
-        found.append(
-            FindingRecord(name="operator-failed", severity=severity, sentence=sentence, rules=(), stage=record.stage)
-        )
+        found.append(FindingRecord(name=FAILED, severity=severity, sentence=sentence, rules=(), stage=record.stage))
     return found

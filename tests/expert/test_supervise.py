@@ -432,6 +432,20 @@ def test_an_operator_that_failed_is_not_asked_again_by_a_later_stage() -> None:
     assert world.log == ["matching.fine 1", "matching.plain 1", "correction.strong 1", "matching.plain 1"]
 
 
+def test_what_failed_after_the_kept_trial_is_no_fact_where_a_later_stage_asks_for_that_one_again() -> None:
+    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9}, broken={"matching.fine"})
+    broken = {"fact": "failure", "field": "operator", "op": "eq", "value": "matching.fine"}
+    run = world.run(
+        {"stage": "matching", "when": [POOR], "then": [{"repair": "matching.fine"}]},
+        {"stage": "matching", "when": [broken], "then": [{"derive": "seen", "severity": "minor"}]},
+        {"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]},
+    )
+    assert reconstructed(run) == "pair>strong1>plain1"
+    assert world.log == ["matching.plain 1", "matching.fine 1", "correction.strong 1", "matching.plain 1"]
+    assert run.kept["matching"].number == 1
+    assert [finding.name for finding in run.findings()] == ["operator-failed"]
+
+
 def test_what_a_later_stage_asks_for_twice_is_run_once() -> None:
     world = World()
     run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "matching.coarse"}]})
