@@ -39,6 +39,7 @@ def check_names(
         With the nearest names.
     """
     from expert.batch.work import OutcomeStatus
+    from expert.trials import FAILED, GIVEN_UP
     from modules.catalog import operators
 
     if status is not None:
@@ -48,7 +49,9 @@ def check_names(
         logged = _logged(log, table, what)
         if any(name not in logged for name in names):
             merged = _rules_of(log)
-            named = set(merged.rules) | merged.disabled if what == "rule" else set(merged.named_findings)
+            named = (
+                set(merged.rules) | merged.disabled if what == "rule" else {FAILED, GIVEN_UP, *merged.named_findings}
+            )
             for name in names:
                 _check(what, name, logged | named)
     if operator is not None:

@@ -129,7 +129,16 @@ def test_a_name_that_nothing_has_is_not_answered_by_no_rows(words: tuple[str, st
 
 
 @pytest.mark.parametrize(
-    "words", [("--rule", "MEA001"), ("--operator", "none"), ("--fact", "brightness.*"), ("--status", "timeout")]
+    "words",
+    [
+        ("--rule", "MEA001"),
+        ("--finding", "vignetted"),
+        ("--finding", "operator-failed"),
+        ("--finding", "trial-given-up"),
+        ("--operator", "none"),
+        ("--fact", "brightness.*"),
+        ("--status", "timeout"),
+    ],
 )
 def test_a_name_that_a_log_could_hold_may_have_no_rows(words: tuple[str, str], logged: Path) -> None:
     assert ask(logged, *words) == []
