@@ -35,7 +35,7 @@ from modules.types import (
 
 MIN_SIDE_PX = 16
 MAX_MEGAPIXELS = 100.0
-_ONLY_CAMERA = re.compile(r"(left|l|im|img|image|cam|camera|view)[_-]?\d?", re.IGNORECASE)
+_ONLY_CAMERA = re.compile(r"left|l|(im|img|image|cam|camera|view)[_-]?\d?", re.IGNORECASE)  # left_1 is one of a series
 
 
 class PairError(ValueError):

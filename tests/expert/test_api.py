@@ -388,7 +388,8 @@ def test_spawned_processes_decide_the_same_and_send_their_decisions_back() -> No
     [
         ("day 3/left.png", "day 3"),
         ("Adirondack/im0.png", "Adirondack"),
-        ("x/../ridge/Left_1.png", "ridge"),
+        ("x/../ridge/Left.png", "ridge"),
+        ("ridge/left_1.png", "left_1"),
         ("pairs/left_0042.png", "left_0042"),
         ("image_0/000001.png", "000001"),
     ],
