@@ -145,7 +145,7 @@ class AttitudeOptions:
         Raises
         ------
         UsageError
-            Two ways at once, or half of one.
+            Two ways at once, half of one, or a convention of what states its own.
         """
         from modules.formats import attitude_from_degrees, read_attitude, read_imu_log
 
@@ -155,6 +155,11 @@ class AttitudeOptions:
         if self.imu is not None and time_s is not None:
             return read_imu_log(self.imu, self.convention).at(time_s, max_gap_s=self.max_gap)
         if self.attitude is not None:
+            if self.convention != "rep103":
+                raise UsageError(
+                    f"--convention is that of --imu and of --roll --pitch --yaw; write `convention: {self.convention}` "
+                    f"into {self.attitude} instead"
+                )
             return read_attitude(self.attitude)
         return None if angles is None else attitude_from_degrees(*angles, convention=self.convention)
 

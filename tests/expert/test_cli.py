@@ -229,6 +229,17 @@ def test_half_of_a_statement_is_refused(
     assert refused(folder, monkeypatch, capsys, "decide", "left.png", "right.png", *options) == words
 
 
+def test_a_convention_beside_an_attitude_file_is_not_passed_over(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "attitude.yaml").write_text("pitch_deg: 1\n", encoding="utf-8")
+    arguments = ("decide", "left.png", "right.png", "--attitude", "attitude.yaml", "--convention", "aerospace")
+    assert refused(folder, monkeypatch, capsys, *arguments) == (
+        "--convention is that of --imu and of --roll --pitch --yaw; write `convention: aerospace` into attitude.yaml "
+        "instead"
+    )
+
+
 def test_an_attitude_given_twice_is_refused(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
