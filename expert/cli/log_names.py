@@ -67,7 +67,7 @@ def _check(what: str, name: str, known: Sequence[str] | set[str]) -> None:
 
     if name not in known:
         hint = suggest(name, known)
-        raise UsageError(f"there is no {what} {name}, neither in the log nor elsewhere" + (f"; {hint}" if hint else ""))
+        raise UsageError(f"there is no {what} {name}, logged or known" + (f"; {hint}" if hint else ""))
 
 
 def _logged(log: RunLog, table: str, column: str) -> set[str]:
