@@ -11,6 +11,8 @@ from modules.primitives.photometry import common_view, dominant_shift_px, to_8_b
 from modules.primitives.statistics import Floats, count_levels
 from modules.types import FloatImage, Image, Mask, Views, full_scale
 
+ROUNDING = 32 * float(np.finfo(np.float32).eps)  # relative, of a transform; the least step of 16 bits is twice that
+
 
 def check_pair(views: Views, name: str) -> None:
     """Raise `OperatorError` unless both images have one shape and one dtype, uint8 or uint16."""
@@ -64,11 +66,11 @@ def rescale_jointly(left: FloatImage, right: FloatImage, like: Image, name: str)
     Raises
     ------
     OperatorError
-        If the values do not vary.
+        If the values do not vary by more than a transform in float32 rounds, which differs by processor.
     """
     sample = np.concatenate([image[::3, ::3].ravel() for image in (left, right)])
     low, high = np.percentile(sample, (0.5, 99.5))
-    if not high > low:
+    if not high - low > ROUNDING * max(abs(low), abs(high)):
         raise OperatorError(
             f"{name}: both images have the one value {float(low):.4g} after filtering, two are needed; "
             "a constant image cannot be corrected"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from modules.correction._shared import rescale_jointly
 from modules.correction.denoise_bilateral import DenoiseBilateralParams, denoise_bilateral
 from modules.correction.denoise_non_local_means import DenoiseNonLocalMeansParams, denoise_non_local_means
 from modules.correction.equalize_adaptively import EqualizeAdaptivelyParams, equalize_adaptively
@@ -87,6 +88,14 @@ def test_nothing_left_after_filtering_is_an_error_in_words():
     flat = np.full((40, 50), 90, np.uint8)
     with pytest.raises(OperatorError, match="two are needed; a constant image cannot be corrected"):
         filter_homomorphic(Views(flat, flat.copy()), FilterHomomorphicParams())
+
+
+def test_values_that_vary_by_rounding_alone_are_constant():
+    flat = np.full((40, 50), 90, np.uint8)
+    rounded = np.full((40, 50), 8.53939, np.float32)
+    rounded[:, ::2] += np.float32(8e-6)
+    with pytest.raises(OperatorError, match="two are needed"):
+        rescale_jointly(rounded, rounded, flat, "correction.filter_homomorphic")
 
 
 def test_the_laplacian_agrees_with_scipy():
