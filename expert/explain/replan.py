@@ -127,7 +127,7 @@ class Replan:
         last = max([until, *tried], key=STAGES.index)
         course = _Course(self, overrides)
         course.go_to(last)
-        while course.reaches_back():  # a later stage asked for something of an earlier one: start again with its wishes
+        if course.reaches_back():  # a later stage asked for something of an earlier one: start again with its wishes
             course = _Course(self, overrides, course.wanted)
             course.go_to(last)
         return Outcome(

@@ -1,134 +1,17 @@
-"""The loop, with tiny operators and probes whose every step is known."""
+"""The loop within one stage."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from dataclasses import replace
 
 import pytest
-from pydantic import Field
-from synthetic_pairs import shifted
+from toy_loop import ALWAYS, FIRST, POOR, Depth, World, matched
 
 from expert.costs import Costs
-from expert.engine import make_engine
-from expert.facts import Task, to_fact, vocabulary
-from expert.knowledge import Knowledge
-from expert.plan import Candidate, Directives
-from expert.rules.load import LoadedRules
-from expert.rules.model import RuleBase
-from expert.supervise import MAX_TRIALS, Run
-from modules.measurement.sample import Sample
-from modules.operator import Cost, Operator, OperatorError, OperatorParams
-from modules.probe import FactModel, Probe, quantity
-from modules.types import Views
-
-
-class Quality(FactModel):
-    """How good the product of a test is."""
-
-    template: ClassVar[str] = "quality"
-    score: float = quantity("No-reference score", ge=0, le=1, resolution=0.01)
-
-
-class Depth(FactModel):
-    """What a dear probe of the pair measures."""
-
-    template: ClassVar[str] = "depth"
-    value: float = quantity("Value", ge=0, le=10)
-
-
-class Gloss(FactModel):
-    """What a dear probe of the product measures."""
-
-    template: ClassVar[str] = "gloss"
-    value: float = quantity("Value", ge=0, le=10)
-
-
-class Bright(FactModel):
-    """What a cheap probe of the pair measures."""
-
-    template: ClassVar[str] = "bright"
-    value: float = quantity("Value", ge=0, le=255)
-
-
-class Params(OperatorParams):
-    level: int = Field(1, ge=0, le=9, description="Level")
-
-
-@dataclass
-class World:
-    """Operators that log what they do; their product is the text of all that was done, scored by `scores`."""
-
-    scores: dict[str, float] = field(default_factory=dict)
-    broken: set[str] = field(default_factory=set)  # operators, or one with its level
-    log: list[str] = field(default_factory=list)
-    depth_fails: bool = False
-    unscored: bool = False
-
-    def operator(self, name: str, slot: str) -> Operator:
-        def work(state: str, params: Params) -> str:
-            self.log.append(f"{name} {params.level}")
-            if name in self.broken or self.log[-1] in self.broken:
-                raise OperatorError("it is broken")
-            return f"{state}>{name.split('.')[1]}{params.level}"
-
-        cost = Cost(fixed_ms=1e3) if name == "matching.fine" else Cost()
-        return Operator(name, slot, Params, work, cost, "Logs")
-
-    def operators(self) -> dict[str, Operator]:
-        made = [self.operator(f"correction.{name}", "radiometry") for name in ("mild", "strong")]
-        made += [self.operator(f"matching.{name}", "matcher") for name in ("plain", "fine", "coarse")]
-        return {operator.name: operator for operator in made}
-
-    def probes(self) -> dict[str, Probe]:
-        def depth(sample: Sample) -> list[FactModel]:
-            self.log.append("probe depth")
-            if self.depth_fails:
-                raise OperatorError("it is too dark")
-            return [Depth(value=5.0)]
-
-        def quality(product: str) -> list[FactModel]:
-            return [] if self.unscored else [Quality(score=self.scores.get(product, 0.1))]
-
-        probes = [
-            Probe("measurement.bright", (Bright,), lambda _: [Bright(value=100.0)], "cheap", "pair", "Cheap"),
-            Probe("measurement.depth", (Depth,), depth, "dear", "pair", "Dear"),
-            Probe("measurement.quality", (Quality,), quality, "cheap", "disparity", "Product"),
-            Probe("measurement.gloss", (Gloss,), lambda _: [Gloss(value=5.0)], "medium", "disparity", "Dear product"),
-        ]
-        return {probe.name: probe for probe in probes}
-
-    def run(self, *rules: dict[str, Any]) -> Run:
-        slots = {
-            "correction": [{"slot": "radiometry", "default": "none", "because": "a test"}],
-            "matching": [{"slot": "matcher", "default": "matching.plain", "because": "a test"}],
-        }
-        declared = {"seen": "something was seen", "poor": "the product is poor"}
-        numbered = [
-            {"id": f"TST{n:03d}", "name": "test", "because": "because of a test", "references": ["test"], **rule}
-            for n, rule in enumerate(rules, start=1)
-        ]
-        base = RuleBase.model_validate({"slots": slots, "findings": declared, "rules": numbered})
-        probes = self.probes()
-        loaded = LoadedRules(base, {}, "digest", None)  # type: ignore[arg-type]
-        engine = make_engine("compiled", vocabulary(probes.values()))
-        knowledge = Knowledge(loaded, engine, self.operators(), probes)
-        return Run(knowledge, Sample(Views(*shifted())), {to_fact(Task()): None})
-
-
-def matched(run: Run) -> Any:
-    """Run measurement, correction and matching; the correction is run again where the directives change it."""
-
-    def start(directives: Directives) -> str:
-        return run.execute(run.plan("correction", directives), "pair")
-
-    run.decide_measurement()
-    return run.run_stage("matching", "disparity", start)
-
-
-ALWAYS = {"fact": "task"}
-FIRST = {"fact": "trial", "field": "number", "op": "eq", "value": 1}
-POOR = {"fact": "quality", "field": "score", "op": "lt", "value": 0.5}
+from expert.facts import Task, to_fact
+from expert.supervise import MAX_TRIALS
+from modules.operator import OperatorError
+from modules.probe import FactModel, Probe
 
 
 def test_a_good_first_trial_is_accepted() -> None:
@@ -350,66 +233,6 @@ def test_of_trials_without_a_score_the_last_one_that_is_of_use_is_kept() -> None
     assert not run.critical()
 
 
-def test_an_earlier_stage_is_repaired_and_run_again() -> None:
-    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9})
-    run = world.run({"stage": "matching", "when": [POOR], "then": [{"repair": "correction.strong"}]})
-    assert matched(run) == "pair>strong1>plain1"
-    assert run.plans["correction"].operator_of("radiometry") == "correction.strong"
-    assert run.trials[0].answer == "try correction.strong (TST001)"
-
-
-def test_the_earlier_stage_goes_back_where_its_repair_was_worse() -> None:
-    world = World(scores={"pair>mild1>plain1": 0.4, "pair>strong1>plain1": 0.3})
-    run = world.run(
-        {"stage": "correction", "when": [ALWAYS], "then": [{"choose": "correction.mild"}]},
-        {"stage": "matching", "when": [POOR], "then": [{"repair": "correction.strong"}]},
-    )
-    assert matched(run) == "pair>mild1>plain1"
-    assert run.plans["correction"].operator_of("radiometry") == "correction.mild"
-
-
-def reconstructed(run: Run) -> Any:
-    """Go on from `matched` to a reconstruction that is the matched product itself, measured by its score."""
-
-    def matching(directives: Directives) -> str:
-        return run.execute(run.plan("correction", directives), "pair")
-
-    product = [matched(run)]
-
-    def start(directives: Directives) -> str:
-        if directives.touch(("correction", "matching")):
-            product.append(run.run_again("matching", "disparity", directives, matching))
-        return product[-1]
-
-    return run.run_stage("reconstruction", "terrain", start)
-
-
-def test_a_stage_can_be_repaired_from_two_stages_later() -> None:
-    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9})
-    run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]})
-    assert reconstructed(run) == "pair>strong1>plain1"
-    assert run.plans["correction"].operator_of("radiometry") == "correction.strong"
-
-
-def test_a_repair_from_a_later_stage_keeps_what_the_trials_before_had_asked_for() -> None:
-    world = World(scores={"pair>plain1": 0.2, "pair>plain3": 0.3, "pair>strong1>plain3": 0.9})
-    run = world.run(
-        {"stage": "matching", "when": [POOR, FIRST],
-         "then": [{"adjust": "matching.plain", "parameter": "level", "by": 2}]},
-        {"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]},
-    )  # fmt: skip
-    assert reconstructed(run) == "pair>strong1>plain3"
-    assert run.plans["matching"].steps[0].parameters == {"level": 3}
-
-
-def test_a_repair_that_fails_in_an_earlier_stage_keeps_the_earlier_product() -> None:
-    world = World(scores={"pair>plain1": 0.2}, broken={"matching.fine"})
-    run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "matching.fine"}]})
-    assert reconstructed(run) == "pair>plain1"
-    assert run.plans["matching"].operator_of("matcher") == "matching.plain"
-    assert run.notes == ["reconstruction trial 2 ended in an earlier stage: matching.fine: it is broken"]
-
-
 def test_a_repair_that_fails_does_not_exclude_the_operator_that_worked_before() -> None:
     world = World(scores={"pair>plain1": 0.2}, broken={"matching.plain 3"})
     run = world.run(
@@ -420,50 +243,6 @@ def test_a_repair_that_fails_does_not_exclude_the_operator_that_worked_before() 
     assert matched(run) == "pair>plain1"
     assert world.log == ["matching.plain 1", "matching.plain 3"]
     assert [(finding.name, finding.severity) for finding in run.findings()] == [("operator-failed", "minor")]
-
-
-def test_an_operator_that_failed_is_not_asked_again_by_a_later_stage() -> None:
-    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9}, broken={"matching.fine"})
-    run = world.run(
-        {"stage": "matching", "when": [ALWAYS], "then": [{"choose": "matching.fine"}]},
-        {"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]},
-    )
-    assert reconstructed(run) == "pair>strong1>plain1"
-    assert world.log == ["matching.fine 1", "matching.plain 1", "correction.strong 1", "matching.plain 1"]
-
-
-def test_what_failed_after_the_kept_trial_is_no_fact_where_a_later_stage_asks_for_that_one_again() -> None:
-    world = World(scores={"pair>plain1": 0.2, "pair>strong1>plain1": 0.9}, broken={"matching.fine"})
-    broken = {"fact": "failure", "field": "operator", "op": "eq", "value": "matching.fine"}
-    run = world.run(
-        {"stage": "matching", "when": [POOR], "then": [{"repair": "matching.fine"}]},
-        {"stage": "matching", "when": [broken], "then": [{"derive": "seen", "severity": "minor"}]},
-        {"stage": "reconstruction", "when": [POOR], "then": [{"repair": "correction.strong"}]},
-    )
-    assert reconstructed(run) == "pair>strong1>plain1"
-    assert world.log == ["matching.plain 1", "matching.fine 1", "correction.strong 1", "matching.plain 1"]
-    assert run.kept["matching"].number == 1
-    assert [finding.name for finding in run.findings()] == ["operator-failed"]
-
-
-def test_what_a_later_stage_asks_for_twice_is_run_once() -> None:
-    world = World()
-    run = world.run({"stage": "reconstruction", "when": [POOR], "then": [{"repair": "matching.coarse"}]})
-    reconstructed(run)
-    coarse = Candidate(operator="matching.coarse", rule="TST001", score=0.5, priority=0)
-    asked = Directives(candidates={"matching.matcher": (coarse,)})
-    products = [run.run_again("matching", "disparity", asked, lambda _: "pair") for _ in range(2)]
-    assert products == ["pair>coarse1"] * 2
-    assert world.log.count("matching.coarse 1") == 1
-
-
-def test_a_later_stage_sees_what_an_earlier_one_ran() -> None:
-    planned = {"fact": "planned", "field": "operator", "op": "eq", "value": "correction.mild"}
-    run = World().run(
-        {"stage": "correction", "when": [ALWAYS], "then": [{"choose": "correction.mild"}]},
-        {"stage": "matching", "when": [planned], "then": [{"choose": "matching.fine"}]},
-    )
-    assert matched(run) == "pair>mild1>fine1"
 
 
 def test_a_probe_of_the_product_that_fails_is_noted_and_the_product_kept() -> None:
