@@ -191,7 +191,7 @@ def _unreached(inquiry: _Inquiry, stage: str) -> str:
     tried = [trial for trial in inquiry.decision.trials if trial.stage == stage]
     if tried:
         failures = "; ".join(trial.failure or "" for trial in tried)
-        return f"The stage {stage} was tried {len(tried)} times and failed each time, so it has no plan: {failures}."
+        return f"The stage {stage} was tried and every trial failed, so it has no plan: {failures}."
     critical = [finding for finding in inquiry.decision.findings if finding.severity == "critical"]
     why = "; ".join(f"{finding.sentence} ({', '.join(finding.rules)})" for finding in critical)
     return f"The stage {stage} was never reached" + (f", because {why}." if why else ".")
