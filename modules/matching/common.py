@@ -170,14 +170,21 @@ def at_match(values: NDArray[Pixel], disparity: FloatImage) -> tuple[NDArray[Pix
         Indexed by right row and column.
     disparity : float32 (H, W)
         px, NaN where there is none.
+
+    Returns
+    -------
+    found : (H, W)
+        Any of the values where there is no such pixel.
+    known : bool (H, W)
     """
-    columns = disparity.shape[1]
+    rows, columns = disparity.shape
     column = np.arange(columns, dtype=np.float32) - disparity
-    known = np.isfinite(column)
-    index = np.rint(np.where(known, column, -1.0)).astype(np.int64)
-    known &= (index >= 0) & (index < columns)
-    index = np.clip(index, 0, columns - 1)
-    return np.take_along_axis(values, index, axis=1), known
+    np.rint(column, out=column)
+    with np.errstate(invalid="ignore"):
+        known = (column >= 0) & (column < columns)
+        index = column.astype(np.int32)
+    index += np.arange(0, rows * columns, columns, dtype=np.int32)[:, None]
+    return values.ravel().take(index, mode="clip"), known
 
 
 def assemble(

@@ -41,18 +41,16 @@ def median_filter(state: Matching, params: MedianFilterParams) -> Matching:
     disparity = require_disparity(state, "matching.median_filter")
     if params.size_px % 2 == 0:
         raise OperatorError(f"matching.median_filter: size_px {params.size_px} is even; use {params.size_px + 1}")
-    valid = disparity.valid
-    if params.size_px == 1 or not valid.any():
+    if params.size_px == 1:
         return state
-    # A lower median with holes at -inf and an upper one with holes at +inf bracket the median of the valid pixels.
+    # A lower median with holes at -inf and an upper one with holes at +inf bracket the median of the valid pixels;
+    # neither bounds anything where most of the window is holes.
     big = np.float32(1e6)
-    low = cv2.medianBlur(np.where(valid, disparity.disparity_px, -big), params.size_px)
-    high = cv2.medianBlur(np.where(valid, disparity.disparity_px, big), params.size_px)
     centre = disparity.disparity_px
-    low = np.where(low > -big, low, centre)
-    high = np.where(high < big, high, centre)
-    smooth = np.where(valid, np.clip(centre, np.minimum(low, high), np.maximum(low, high)), np.float32(np.nan))
-    return replace(state, disparity=replace(disparity, disparity_px=smooth.astype(np.float32)))
+    low = cv2.medianBlur(np.fmax(centre, -big), params.size_px)
+    high = cv2.medianBlur(np.fmin(centre, big), params.size_px)
+    smooth = np.minimum(np.maximum(centre, low), high)
+    return replace(state, disparity=replace(disparity, disparity_px=smooth))
 
 
 OPERATOR = Operator(
@@ -60,7 +58,7 @@ OPERATOR = Operator(
     slot="refine",
     params=MedianFilterParams,
     function=median_filter,
-    cost=Cost(fixed_ms=0.2, ns_per_pixel=15.0),
+    cost=Cost(fixed_ms=0.2, ns_per_pixel=5.0),
     summary="Smooth the disparity by a median over valid pixels.",
     suits="Removes single outliers and steps of subpixel noise; rounds thin structures.",
 )

@@ -46,13 +46,14 @@ def remove_speckles(state: Matching, params: RemoveSpecklesParams) -> Matching:
     Disparities are compared in steps of 1/16 px. Removes thin true structures too: lower the size on small images.
     """
     disparity = require_disparity(state, "matching.remove_speckles")
-    valid = disparity.valid
-    if params.max_size_px == 0 or not valid.any():
+    largest = float(np.fmax.reduce(np.abs(disparity.disparity_px), axis=None))
+    if params.max_size_px == 0 or np.isnan(largest):
         return state
-    step = max(FIXED_POINT_STEPS * float(np.nanmax(np.abs(disparity.disparity_px))) / 30000.0, 1.0)
-    scale = FIXED_POINT_STEPS / step
+    scale = FIXED_POINT_STEPS / max(FIXED_POINT_STEPS * largest / 30000.0, 1.0)
     empty = -32768
-    fixed = np.where(valid, np.rint(np.nan_to_num(disparity.disparity_px) * scale), empty).astype(np.int16)
+    scaled = disparity.disparity_px * np.float32(scale)
+    np.rint(scaled, out=scaled)
+    fixed = np.fmax(scaled, np.float32(empty), out=scaled).astype(np.int16)
     cv2.filterSpeckles(fixed, empty, params.max_size_px, round(params.max_difference_px * scale))
     return replace(state, disparity=disparity.reject(fixed == empty, Invalid.SPECKLE))
 
