@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.primitives.coarse import CoarseMatch
-from modules.primitives.statistics import Floats, fit_linear
+from modules.primitives.statistics import Floats, fit_linear, solve_weighted
 
 Blocks: TypeAlias = NDArray[np.float64]
 
@@ -26,6 +26,7 @@ SCALE_FLOOR = 0.01  # smallest robust deviation of log ratios
 MODEL_ERROR = (0.025, 0.035, 0.015)  # of radial, across and down: parallax and gloss look like a little of each
 USUAL_PATCHY = 0.03  # nine in ten pairs that differ by no local light read less
 CLEARLY = 1.5  # patches are larger by this factor before the other image is asked
+REFITTED = 1.4  # of the patchiness on the weights of another fit; a fit of its own hardly ever gives more
 CORRELATED = 3.0  # standard errors of independent blocks are too small by this: neighbours err alike
 
 
@@ -130,22 +131,38 @@ def fit_light(blocks: Corresponding) -> LightFit:
     one material the brightness of an image shows the light that fell into it alone, and would explain that light as a
     tone curve.
     """
-    left, right = (_fit_light(blocks, level) for level in (blocks.left, blocks.right))
-    return right if right.patchy > CLEARLY * max(left.patchy, USUAL_PATCHY) else left
-
-
-def _fit_light(blocks: Corresponding, level: Blocks) -> LightFit:
-    ratio = log_ratio(blocks.left, blocks.right)
-    tone = np.log(level + LOG_FLOOR_DN)
-    tone = (tone - tone.mean()) / max(float(tone.std()), 1e-3)
-    shape = np.stack([blocks.x**2 + blocks.y**2, blocks.x, blocks.y], axis=1)
-    design = np.column_stack([np.ones_like(tone), tone, tone**2, tone**3, shape])
-    coefficients, covariance, _ = fit_linear(design, ratio, SCALE_FLOOR)
+    ratio, patches = log_ratio(blocks.left, blocks.right), _patches(blocks)
+    design = _tone_and_place(blocks, blocks.left)
+    coefficients, covariance, weights = fit_linear(design, ratio, SCALE_FLOOR)
+    patchy = patches.patchiness(ratio - design @ coefficients)
+    limit = CLEARLY * max(patchy, USUAL_PATCHY)
+    other = _tone_and_place(blocks, blocks.right)
+    # Refitting changes the patchiness of the blocks that agree with the first fit little.
+    if REFITTED * patches.patchiness(ratio - other @ solve_weighted(other, ratio, weights)) > limit:
+        refitted, its_covariance, _ = fit_linear(other, ratio, SCALE_FLOOR)
+        its_patchy = patches.patchiness(ratio - other @ refitted)
+        if its_patchy > limit:
+            design, coefficients, covariance, patchy = other, refitted, its_covariance, its_patchy
     sigma = np.hypot(CORRELATED * np.sqrt(np.maximum(np.diag(covariance)[4:], 0)), MODEL_ERROR)
     radial, across, down = (float(value) for value in coefficients[4:])
-    patchy = _patchiness(blocks, ratio - design @ coefficients)
     return LightFit(
-        radial, float(sigma[0]), across, float(sigma[1]), down, float(sigma[2]), patchy, shape @ coefficients[4:]
+        radial,
+        float(sigma[0]),
+        across,
+        float(sigma[1]),
+        down,
+        float(sigma[2]),
+        patchy,
+        design[:, 4:] @ coefficients[4:],
+    )
+
+
+def _tone_and_place(blocks: Corresponding, level: Blocks) -> Floats:
+    """Return the design, (N, 7): a cubic of the log brightness `level`, then the shapes of place."""
+    tone = np.log(level + LOG_FLOOR_DN)
+    tone = (tone - tone.mean()) / max(float(tone.std()), 1e-3)
+    return np.stack(
+        [np.ones_like(tone), tone, tone**2, tone**2 * tone, blocks.x**2 + blocks.y**2, blocks.x, blocks.y], axis=1
     )
 
 
@@ -180,13 +197,27 @@ def _patch_of(blocks: Corresponding) -> NDArray[np.int64]:
     return 100 * row + column
 
 
-def _patchiness(blocks: Corresponding, residual: Floats) -> float:
+@dataclass(frozen=True)
+class _Patches:
+    """Which blocks are compared by patch, the number of the patch of each, and which patches are large enough."""
+
+    use: NDArray[np.bool_]
+    group: NDArray[np.int64]
+    large: NDArray[np.bool_]
+
+    def patchiness(self, residual: Floats) -> float:
+        """Return the standard deviation over patches of the median of the residual; 0 with few patches."""
+        medians = _group_medians(residual[self.use], self.group)[self.large]
+        return float(np.std(medians)) if len(medians) > 5 else 0.0
+
+
+def _patches(blocks: Corresponding) -> _Patches:
+    """Group the blocks by patch: the bright ones, where half of the blocks are."""
     bright = np.minimum(blocks.left, blocks.right) >= BRIGHT_DN
     if np.count_nonzero(bright) < len(blocks) / 2:
         bright[:] = True
     _, group, counts = np.unique(_patch_of(blocks)[bright], return_inverse=True, return_counts=True)
-    medians = _group_medians(residual[bright], group)[counts >= PATCH_BLOCKS]
-    return float(np.std(medians)) if len(medians) > 5 else 0.0
+    return _Patches(bright, group, counts >= PATCH_BLOCKS)
 
 
 def _group_medians(values: Floats, group: NDArray[np.int64]) -> Floats:
