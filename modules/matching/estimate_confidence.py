@@ -21,6 +21,9 @@ class EstimateConfidenceParams(OperatorParams):
     least: float = Field(
         0.25, ge=0.0, le=1.0, description="Pixels less likely than this to be right within 1 px are rejected; 0: none"
     )
+    same_scene: bool = Field(
+        False, description="The images are known to show one scene; otherwise that is asked of the pair, which takes longer"
+    )
 
 
 def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Matching:
@@ -30,7 +33,8 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
     match, how far that is from the better part of the map, agreement with the disparity of the match, the excess of
     the second best cost where the matcher knows it, the neighbouring disparities, and the agreement over the map as
     a whole. The images are those that the cameras saw, whatever corrections the matcher was given. Whether they
-    show one scene at all is asked of the pair itself: it has to match better than with its right image upside down.
+    show one scene at all is asked of the pair itself unless it is known: it has to match better than with its right
+    image upside down.
 
     Parameters
     ----------
@@ -64,7 +68,8 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
     X. Hu and P. Mordohai, A quantitative evaluation of confidence measures for stereo vision, IEEE TPAMI 34(11), 2012.
     """
     disparity = require_disparity(state, "matching.estimate_confidence")
-    evidence = gather_evidence(*state.views.as_seen, disparity, state.range_px)
+    asked = None if params.same_scene else state.range_px
+    evidence = gather_evidence(*state.views.as_seen, disparity, asked)
     confidence = predict_confidence(evidence)
     known = replace(
         disparity,

@@ -108,7 +108,7 @@ def gather_evidence(left: Image, right: Image, disparity: Disparity, search: Dis
         The images that were matched.
     disparity : Disparity
     search : DisparityRange or None
-        What was searched; None where that is not known, and then whether the pair matches at all is not asked.
+        What was searched; None where whether the pair matches at all shall not be asked.
 
     References
     ----------
