@@ -22,7 +22,8 @@ class EstimateConfidenceParams(OperatorParams):
         0.25, ge=0.0, le=1.0, description="Pixels less likely than this to be right within 1 px are rejected; 0: none"
     )
     same_scene: bool = Field(
-        False, description="The images are known to show one scene; otherwise that is asked of the pair, which takes longer"
+        False,
+        description="The images are known to show one scene; otherwise that is asked of the pair, which takes longer",
     )
 
 
