@@ -126,8 +126,8 @@ def rendered_decisions(system: ExpertSystem) -> Iterator[Decision]:
     yield system.decide(replace(given, disparity_range_px=(0, 256)))
     for profile in ("fast", "best"):
         yield ExpertSystem(profile=profile, engine="compiled", memory_budget_mb=1).decide(given)
-    for budget in (0.001, 0.03, 0.058, 0.07):  # from less than anything takes to the plan of the fast profile
-        yield ExpertSystem(engine="compiled", time_budget_s=budget, machine_speed=1.0).decide(given)
+    for budget in np.geomspace(0.001, 0.15, 30):  # from less than anything takes to more than every plan does
+        yield ExpertSystem(engine="compiled", time_budget_s=float(budget), machine_speed=1.0).decide(given)
 
 
 def synthetic_decisions(system: ExpertSystem, folder: Path) -> Iterator[Decision]:
