@@ -101,7 +101,7 @@ def _look(strip: Image8) -> _Look:
 
 
 def _stuck_ppm(looks: list[_Look], margin_dn: float) -> float:
-    count = sum(int(np.count_nonzero(look.excess_dn > margin_dn)) for look in looks)
+    count = sum(int(np.count_nonzero(look.excess_dn > int(margin_dn))) for look in looks)
     return 1e6 * count / max(1, sum(look.usable for look in looks))
 
 
