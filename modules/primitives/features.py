@@ -65,8 +65,8 @@ def track_corners(
         none = np.zeros((0, 2), np.float32)
         return Correspondences(none, none), len(corners)
     moved = np.stack([shift, np.zeros_like(shift)], axis=1)
-    there, seen = _track(planes[0], planes[1], here, here - moved)
-    back, seen_again = _track(planes[1], planes[0], there, there + moved)
+    there, seen = _track(planes[0], planes[1], here, here - moved, levels=2)
+    back, seen_again = _track(planes[1], planes[0], there, there + moved, levels=1)  # rows are right by now
     keep = seen & seen_again & (np.abs(back - here).max(axis=1) < RETURN_PX)
     full = [((points[keep] + 0.5) / scale - 0.5).astype(np.float32) for points in (here, there)]
     return Correspondences(*full), len(corners)
@@ -91,10 +91,14 @@ def _prepared(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 
 
 def _track(
-    source: NDArray[np.uint8], target: NDArray[np.uint8], points: NDArray[np.float32], guess: NDArray[np.float32]
+    source: NDArray[np.uint8],
+    target: NDArray[np.uint8],
+    points: NDArray[np.float32],
+    guess: NDArray[np.float32],
+    levels: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        source, target, points[:, None], guess[:, None].copy(), winSize=(PATCH_PX, PATCH_PX), maxLevel=1,
+        source, target, points[:, None], guess[:, None].copy(), winSize=(PATCH_PX, PATCH_PX), maxLevel=levels - 1,
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 15, 0.02), flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )  # fmt: skip
     return np.asarray(moved, np.float32).reshape(-1, 2), np.asarray(status).ravel() > 0

@@ -140,12 +140,13 @@ def standardise(image: NDArray[np.uint8], window_px: int, damping_dn: float) -> 
     """
     window = (window_px, window_px)
     mean = np.asarray(cv2.boxFilter(image, cv2.CV_32F, window), np.float32)
-    spread = np.asarray(cv2.sqrBoxFilter(image, cv2.CV_32F, window), np.float32)
+    square = np.multiply(image, image, dtype=np.uint16)
+    spread = np.asarray(cv2.boxFilter(square, cv2.CV_32F, window), np.float32)
     spread -= mean * mean
-    np.maximum(spread, 0, out=spread)
-    np.sqrt(spread, out=spread)
+    np.abs(spread, out=spread)  # rounding may leave it below 0
+    cv2.sqrt(spread, spread)
     spread += np.float32(damping_dn)
-    np.subtract(image, mean, out=mean, dtype=np.float32)
+    np.subtract(image.astype(np.float32), mean, out=mean)
     mean /= spread
     return mean
 
