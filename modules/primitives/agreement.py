@@ -23,6 +23,7 @@ SURFACE_PX = 5  # side of the window in which neighbouring disparities are compa
 BREAK_PX = 1.0  # neighbouring disparities that differ by more do not belong to one surface
 NOISE_VARIANCE = 1.0  # of gray levels after rounding and a good sensor's noise, DN^2
 LEAST_SLOPE = 0.05  # square of the horizontal gradient below which nothing is localised, (DN/px)^2
+SAMPLE = 4096  # differences that suffice for their percentile, at least
 QUARTER = 25  # percentile of the differences over the map that right matches are taken to have
 MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 SHIFT_VARIANCE = 0.04  # of right matches, by rounding and subpixel errors, px^2
@@ -94,9 +95,7 @@ class Evidence:
 
 def spread(coarse: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Give every pixel of an image of `shape` the value of its pixel on the coarse grid."""
-    rows, columns = coarse.shape
-    grown = cv2.resize(coarse, (STEP * columns, STEP * rows), interpolation=cv2.INTER_NEAREST)
-    return grown[: shape[0], : shape[1]]
+    return np.asarray(cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST))
 
 
 def gather_evidence(left: Image, right: Image, disparity: Disparity, search: DisparityRange | None) -> Evidence:
@@ -129,7 +128,9 @@ def gather_evidence(left: Image, right: Image, disparity: Disparity, search: Dis
     fine = _geometric(values, valid)
     fine["left_right"] = _left_right(disparity, column, row, valid)
     fine["excess"] = (
-        np.full(values.shape, UNKNOWN, np.uint8) if disparity.excess is None else _code(disparity.excess, "excess")
+        np.full(values.shape, UNKNOWN, np.uint8)
+        if disparity.excess is None
+        else _code_where_known(disparity.excess, "excess")
     )
     wanted = int(np.count_nonzero((disparity.validity & np.uint16(UNWANTED)) == 0))
     density = int(np.count_nonzero(valid)) / max(wanted, 1)
@@ -142,24 +143,28 @@ def _photometric(
     """Compare the left image with the right one sampled at its matches, in windows of valid pixels."""
     some = (slice(None, None, STEP), slice(None, None, STEP))
     warped = np.asarray(cv2.remap(smooth[1], column[some], row[some], cv2.INTER_LINEAR), np.uint8)
-    weight = valid[some].astype(np.uint8)
+    here = np.ascontiguousarray(valid[some])
+    weight = here.view(np.uint8)
     one, other = smooth[0][some] * weight, warped * weight
-    share = np.float32(1.0) / np.maximum(_box(weight), np.float32(1.0))
+    share = np.float32(1.0) / _at_least(_box(weight), 1.0)
     mean_one, mean_other = _box(one) * share, _box(other) * share
     noise = np.float32(NOISE_VARIANCE)
-    spread_one = np.maximum(_box_of_squares(one) * share - mean_one * mean_one, 0.0) + noise
-    spread_other = np.maximum(_box_of_squares(other) * share - mean_other * mean_other, 0.0) + noise
-    product = cv2.multiply(one, other, dtype=cv2.CV_32F)
-    covariance = _box(product) * share - mean_one * mean_other
+    spread_one = _at_least(_mean_product(one, one, share) - mean_one * mean_one, 0.0) + noise
+    spread_other = _at_least(_mean_product(other, other, share) - mean_other * mean_other, 0.0) + noise
+    covariance = _mean_product(one, other, share) - mean_one * mean_other
     correlation = covariance / np.sqrt(spread_one * spread_other)
-    centred = (one - mean_one) / np.sqrt(spread_one) - (other - mean_other) / np.sqrt(spread_other)
+    deviation_one = np.sqrt(spread_one)
+    centred = cv2.subtract(one, mean_one, dtype=cv2.CV_32F) / deviation_one
+    centred -= cv2.subtract(other, mean_other, dtype=cv2.CV_32F) / np.sqrt(spread_other)
     misfit = cv2.boxFilter(centred * centred, cv2.CV_32F, (3, 3), borderType=cv2.BORDER_REFLECT_101)
-    slope = cv2.Sobel(smooth[0], cv2.CV_16S, 1, 0, ksize=1)[some].astype(np.float32) * (np.float32(0.5) * weight)
-    energy = _box(slope * slope) * share
-    difference = np.maximum(1.0 - np.maximum(correlation, 0.0), 0.0) * spread_one + 0.1 * noise
-    known = difference[weight.astype(bool)]
+    slope = _twice_the_slope(smooth[0]) * weight
+    energy = _mean_product(slope, slope, np.float32(0.25) * share)
+    agreeing = _at_least(correlation, 0.0)
+    difference = _at_least(1.0 - agreeing, 0.0) * spread_one + 0.1 * noise
+    known = np.flatnonzero(here)
+    sample = difference.ravel().take(known[:: max(1, known.size // SAMPLE)])
+    usual = np.float32(np.percentile(sample, QUARTER)) if known.size else noise
     most = np.float32(noise_variance + NOISE_VARIANCE)
-    usual = np.float32(np.percentile(known[:: max(1, known.size // 4096)], QUARTER)) if known.size else noise
     surprise = difference / (min(usual, most) + np.float32(SHIFT_VARIANCE) * energy)
     shift = difference * share / (energy + np.float32(LEAST_SLOPE))
     codes = {
@@ -168,9 +173,16 @@ def _photometric(
         "surprise": _code(_log2(surprise), "surprise"),
         "localisation": _code(np.float32(0.5) * _log2(shift), "localisation"),
     }
-    contrast = np.sqrt(spread_one) * weight
+    contrast = deviation_one * weight
     total = float(contrast.sum())
-    return codes, float((contrast * np.maximum(correlation, 0.0)).sum()) / total if total > 0 else None
+    return codes, float((contrast * agreeing).sum()) / total if total > 0 else None
+
+
+def _twice_the_slope(smooth: Codes) -> Codes:
+    """Return the absolute difference of the columns beside every second pixel of every second row, 0 at the borders."""
+    beside = np.ascontiguousarray(smooth[::STEP, 1::STEP])
+    inner = cv2.absdiff(beside[:, 1:], beside[:, :-1])
+    return np.asarray(cv2.copyMakeBorder(inner, 0, 0, 1, smooth.shape[1] % STEP, cv2.BORDER_CONSTANT), np.uint8)
 
 
 def _log2(values: FloatImage) -> FloatImage:
@@ -189,39 +201,36 @@ def _noise_variance(image: Codes) -> float:
 def _edges(smooth: Codes, values: FloatImage) -> float:
     """Return the mean log2 of the gradient at steps of the disparity over the median gradient; every second row."""
     rows = np.ascontiguousarray(smooth[::STEP])
-    slope = cv2.absdiff(rows[:, 2:], rows[:, :-2]) * np.float32(0.5)  # of all columns but the first and the last
+    slope = cv2.absdiff(rows[:, 2:], rows[:, :-2])  # twice that of all columns but the first and the last
     known = np.ascontiguousarray(values[::STEP])
-    row, column = np.nonzero(cv2.absdiff(known[:, 2:-1], known[:, 1:-2]) > STEP_PX)
-    if not row.size:
+    at = np.flatnonzero(cv2.absdiff(known[:, 2:-1], known[:, 1:-2]) > STEP_PX)
+    if not at.size:
         return 0.0
-    here = np.maximum(slope[row, column], slope[row, column + 1])
-    usual = float(np.median(slope[::4, ::4]))
+    at += at // (values.shape[1] - 3)  # a row of slopes has one more
+    here = np.float32(0.5) * np.maximum(slope.ravel().take(at), slope.ravel().take(at + 1))
+    usual = 0.5 * float(np.median(slope[::4, ::4]))
     return float(np.mean(np.log2((here + FLAT_DN) / (usual + FLAT_DN))))
 
 
 def _geometric(values: FloatImage, valid: Mask) -> dict[str, Codes]:
     """Compare each disparity with its neighbours."""
-    weight = valid.astype(np.uint8)
-    known = np.where(valid, values, np.float32(0.0))
-    surface = (SURFACE_PX, SURFACE_PX)
-    count = np.maximum(_box(weight, SURFACE_PX), np.float32(1.0))
-    roughness = np.abs(_box(known, SURFACE_PX) / count - known)
-    broken = np.zeros(values.shape, np.uint8)
-    broken[:, 1:] |= _differ(values[:, 1:], values[:, :-1])
-    broken[1:] |= _differ(values[1:], values[:-1])
-    breaks = cv2.boxFilter(broken, -1, surface, borderType=cv2.BORDER_REFLECT_101)
-    around = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
-    support = cv2.boxFilter(weight * np.uint8(LAST_CODE), -1, around, borderType=cv2.BORDER_REFLECT_101)
+    weight = valid.view(np.uint8)
+    known = cv2.copyTo(values, weight)  # 0 elsewhere
+    mean = _box(known, SURFACE_PX) / _at_least(_box(weight, SURFACE_PX), 1.0)
+    broken = np.zeros(values.shape, bool)
+    broken[:, 1:] = cv2.absdiff(values[:, 1:], values[:, :-1]) > BREAK_PX
+    broken[1:] |= cv2.absdiff(values[1:], values[:-1]) > BREAK_PX
     return {
-        "roughness": _code(roughness, "roughness"),
-        "breaks": np.asarray(breaks, np.uint8),
-        "support": np.asarray(support, np.uint8),
+        "roughness": _code(cv2.absdiff(mean, known), "roughness"),
+        "breaks": _share(broken, SURFACE_PX),
+        "support": _share(valid, NEIGHBOURHOOD_PX),
     }
 
 
-def _differ(one: FloatImage, other: FloatImage) -> Codes:
-    """Return the last code where two disparities differ by more than a break, 0 elsewhere and where one is missing."""
-    return (cv2.absdiff(one, other) > BREAK_PX) * np.uint8(LAST_CODE)
+def _share(where: Mask, side: int) -> Codes:
+    """Return the code of the share of pixels of the window around each."""
+    codes = where * np.uint8(LAST_CODE)
+    return np.asarray(cv2.boxFilter(codes, -1, (side, side), borderType=cv2.BORDER_REFLECT_101), np.uint8)
 
 
 def _left_right(disparity: Disparity, column: FloatImage, row: FloatImage, valid: Mask) -> Codes:
@@ -229,18 +238,29 @@ def _left_right(disparity: Disparity, column: FloatImage, row: FloatImage, valid
     if disparity.right_px is None:
         return np.full(valid.shape, UNKNOWN, np.uint8)
     back = cv2.remap(disparity.right_px, column, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-    return _code(np.abs(back - disparity.disparity_px), "left_right")
+    return _code_where_known(cv2.absdiff(back, disparity.disparity_px), "left_right")
 
 
 def _code(values: NDArray[Any], kind: str) -> Codes:
-    """Return values as codes of their kind."""
+    """Return values, none of them NaN, as codes of their kind."""
     low, high = SCALES[kind]
     if low:
-        values = np.maximum(values - np.float32(low), np.float32(0.0))
-    codes = np.asarray(cv2.convertScaleAbs(values, alpha=LAST_CODE / (high - low)), np.uint8).reshape(values.shape)
-    np.minimum(codes, np.uint8(LAST_CODE), out=codes)
-    codes[np.isnan(values)] = UNKNOWN
+        values = _at_least(values - np.float32(low), 0.0)
+    codes = cv2.convertScaleAbs(values, alpha=LAST_CODE / (high - low))
+    codes -= (codes == UNKNOWN).view(np.uint8)  # what saturates is known
+    return np.asarray(codes, np.uint8)
+
+
+def _code_where_known(values: NDArray[Any], kind: str) -> Codes:
+    """Return values as codes of their kind; NaN is unknown."""
+    codes = _code(values, kind)
+    codes |= np.negative(np.isnan(values).view(np.uint8))  # all bits of `UNKNOWN` are set
     return codes
+
+
+def _at_least(values: FloatImage, low: float) -> FloatImage:
+    """Return the larger of each value and `low`; `np.maximum` takes up to four times as long."""
+    return np.asarray(cv2.max(values, low), np.float32)  # type: ignore[call-overload]
 
 
 def _box(image: NDArray[Any], side: int = WINDOW) -> FloatImage:
@@ -248,8 +268,6 @@ def _box(image: NDArray[Any], side: int = WINDOW) -> FloatImage:
     return np.asarray(total, np.float32)
 
 
-def _box_of_squares(image: Codes) -> FloatImage:
-    size = (WINDOW, WINDOW)
-    return np.asarray(
-        cv2.sqrBoxFilter(image, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32
-    )
+def _mean_product(one: Codes, other: Codes, share: FloatImage) -> FloatImage:
+    """Return the mean of the products in the window around each pixel; `share` is one over its number of pixels."""
+    return _box(np.multiply(one, other, dtype=np.uint16)) * share

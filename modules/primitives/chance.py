@@ -5,9 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from modules.primitives.coarse import DAMPING_DN, SMALLEST_PX, Gray, coarse_factor, match_thumbnails, sixteens
-from modules.primitives.coarse import WINDOW_PX as CONTRAST_WINDOW_PX
-from modules.primitives.photometry import shrink, standardise_to_bytes
+from modules.primitives.coarse import SMALLEST_PX, Gray, coarse_factor, match_normalised, normalise, sixteens
+from modules.primitives.photometry import shrink
 from modules.types import FloatImage
 
 WIDTH_PX = 96  # of the thumbnails: enough windows for a mean, and searched in half a millisecond
@@ -41,7 +40,7 @@ def agreement_over_chance(left: Gray, right: Gray, first_px: float, last_px: flo
     size = (round(left.shape[1] * factor), max(1, round(left.shape[0] * factor)))
     if min(size) < SMALLEST_PX:
         return None
-    one, other = (shrink(image, *size) if factor < 1 else image for image in (left, right))
+    one, other = (normalise(shrink(image, *size) if factor < 1 else image) for image in (left, right))
     first = int(np.floor(first_px * factor))
     last = last_px * factor
     own, chance = (_agreement(one, image, first, last) for image in (other, np.ascontiguousarray(other[::-1])))
@@ -49,15 +48,17 @@ def agreement_over_chance(left: Gray, right: Gray, first_px: float, last_px: flo
 
 
 def _agreement(left: Gray, right: Gray, first: int, last: float) -> float:
-    """Return the mean correlation of the windows that match, those that match nothing or badly counted as 0."""
-    disparity = match_thumbnails(left, right, first, sixteens(last - first))
+    """Return the mean correlation of the windows that match, those that match nothing or badly counted as 0.
+
+    Both thumbnails are locally normalised.
+    """
+    disparity = match_normalised(left, right, first, sixteens(last - first))
     with np.errstate(invalid="ignore"):
         valid = disparity <= last  # more than asked for is searched, up to a multiple of 16
     rows, columns = disparity.shape
     column = np.where(valid, np.arange(columns, dtype=np.float32) - disparity, np.float32(0.0)).astype(np.float32)
     row = np.repeat(np.arange(rows, dtype=np.float32)[:, None], columns, axis=1)
-    even = [standardise_to_bytes(image, CONTRAST_WINDOW_PX, DAMPING_DN) for image in (left, right)]
-    one, there = (image.astype(np.float32) for image in even)
+    one, there = left.astype(np.float32), right.astype(np.float32)
     other = np.asarray(cv2.remap(there, column, row, cv2.INTER_LINEAR), np.float32)
     mean_one, mean_other = _mean(one), _mean(other)
     spread_one = _mean(one * one) - mean_one * mean_one + np.float32(NOISE_VARIANCE)

@@ -132,10 +132,19 @@ def sixteens(span: float) -> int:
 
 def match_thumbnails(left: Gray, right: Gray, first: int, count: int) -> FloatImage:
     """Return the disparity of thumbnails (H, W) among `count`, a multiple of 16, from `first` on; NaN where none."""
-    planes = [standardise_to_bytes(x, WINDOW_PX, DAMPING_DN) for x in (left, right)]
+    return match_normalised(normalise(left), normalise(right), first, count)
+
+
+def normalise(thumbnail: Gray) -> Gray:
+    """Return a thumbnail locally normalised, as it is matched."""
+    return standardise_to_bytes(thumbnail, WINDOW_PX, DAMPING_DN)
+
+
+def match_normalised(left: Gray, right: Gray, first: int, count: int) -> FloatImage:
+    """Do what `match_thumbnails` does for thumbnails that are normalised."""
     # Pad so that the columns whose match lies outside of the image do not lose the border of the range.
     before, after = max(0, first + count), max(0, -first)
-    padded = [cv2.copyMakeBorder(x, 0, 0, before, after, cv2.BORDER_REPLICATE) for x in planes]
+    padded = [cv2.copyMakeBorder(x, 0, 0, before, after, cv2.BORDER_REPLICATE) for x in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=first, numDisparities=count, blockSize=5, P1=8 * 25, P2=48 * 25, disp12MaxDiff=1,
         preFilterCap=63, uniquenessRatio=12, speckleWindowSize=40, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,

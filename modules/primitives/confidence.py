@@ -38,14 +38,15 @@ class Table:
 
 def map_evidence(evidence: Evidence) -> dict[str, float | None]:
     """Return what speaks for the map as a whole: the agreement, and the mean code of every kind; None where unknown."""
-    found: dict[str, float | None] = {"agreement": evidence.agreement}
+    return {kind: evidence.agreement if kind == "agreement" else mean_code(evidence, kind) for kind in tables.MAP}
+
+
+def mean_code(evidence: Evidence, kind: str) -> float | None:
+    """Return the mean code of one kind of fine evidence over the map; None where it is known nowhere."""
     some = (slice(SAMPLE_STEP // 2, None, SAMPLE_STEP),) * 2
-    valid = evidence.valid[some]
-    for kind in tables.MAP.keys() - found.keys():
-        known = evidence.fine[kind][some][valid]
-        known = known[known <= LAST_CODE]
-        found[kind] = float(known.mean()) if known.size else None
-    return found
+    known = evidence.fine[kind][some][evidence.valid[some]]
+    known = known[known <= LAST_CODE]
+    return float(known.mean()) if known.size else None
 
 
 def chance_factor(over_chance: float | None) -> float:
@@ -70,9 +71,10 @@ def predict_confidence(evidence: Evidence) -> FloatImage:
     whole = map_evidence(evidence)
     constant = tables.CONSTANT + sum(Table(*table).at(whole[kind]) for kind, table in tables.MAP.items())
     odds = _sum(evidence, tables.PIXEL, constant)
-    np.exp(np.negative(odds, out=odds), out=odds)
+    cv2.exp(np.negative(odds, out=odds), dst=odds)
     odds += np.float32(1.0)
-    return evidence.valid * np.float32(chance_factor(evidence.over_chance)) / odds
+    likely = np.divide(np.float32(chance_factor(evidence.over_chance)), odds, out=odds)
+    return np.asarray(cv2.copyTo(likely, evidence.valid.view(np.uint8)), np.float32)  # 0 elsewhere
 
 
 def predict_sigma_px(evidence: Evidence) -> FloatImage:
@@ -81,8 +83,8 @@ def predict_sigma_px(evidence: Evidence) -> FloatImage:
         logarithm = _sum(evidence, tables.SIGMA, tables.SIGMA_CONSTANT)
     else:
         logarithm = _sum(evidence, tables.SIGMA_WITHOUT_EXCESS, tables.SIGMA_CONSTANT_WITHOUT_EXCESS)
-    logarithm *= np.float32(np.log(2.0))  # numpy has vector instructions for the natural exponential alone
-    np.exp(logarithm, out=logarithm)
+    logarithm *= np.float32(np.log(2.0))
+    cv2.exp(logarithm, dst=logarithm)
     logarithm[~evidence.valid] = np.nan
     return logarithm
 
@@ -93,7 +95,7 @@ def _sum(
     coarse = np.full(next(iter(evidence.coarse.values())).shape, np.float32(constant))
     for kind, codes in evidence.coarse.items():
         cv2.add(coarse, cv2.LUT(codes, Table(*kinds[kind]).by_code()), dst=coarse)
-    total = np.ascontiguousarray(spread(coarse, evidence.valid.shape))
+    total = spread(coarse, evidence.valid.shape)
     for kind, codes in evidence.fine.items():
         cv2.add(total, cv2.LUT(codes, Table(*kinds[kind]).by_code()), dst=total)
     return total

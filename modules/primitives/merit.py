@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from modules.primitives import merit_weights
 from modules.primitives.agreement import Evidence
-from modules.primitives.confidence import chance_factor, map_evidence
+from modules.primitives.confidence import chance_factor, mean_code
 from modules.types import FloatImage
 
 
@@ -16,13 +17,13 @@ def map_features(evidence: Evidence, confidence: FloatImage) -> dict[str, float]
     `expected`, the share of the wanted pixels that are right as far as the confidence knows; `density`, the share that
     has a disparity; `agreement` of the images; the mean code of `roughness`; `edges` of the image where objects end.
     """
-    whole = map_evidence(evidence)
-    believed = float(confidence[evidence.valid].mean()) if evidence.valid.any() else 0.0
+    valid = int(np.count_nonzero(evidence.valid))
+    believed = cv2.sumElems(confidence)[0] / max(valid, 1)  # the confidence is 0 elsewhere
     return {
         "expected": believed * evidence.density,
         "density": evidence.density,
         "agreement": evidence.agreement or 0.0,
-        "roughness": whole["roughness"] or 0.0,
+        "roughness": mean_code(evidence, "roughness") or 0.0,
         "edges": evidence.edges,
     }
 
