@@ -94,6 +94,10 @@ bench-causes: $(STAMP)  ## Name simulated causes of differences: confusion matri
 bench-accuracy: $(STAMP)  ## Measure terrex and 30 fixed configurations over development pairs x distortions; ARGS=--pandora ... (needs TERREX_DATA)
 	@$(BIN)/terrex evaluate $(or $(TERREX_DATA),$(error no data: set TERREX_DATA)) --split dev --out build/evaluation --jobs $(JOBS) $(ARGS)
 
+bench-candidates: $(STAMP)  ## Choose among variants of the rules, on all scenes and with the scene left out (needs TERREX_DATA)
+	@$(BIN)/terrex evaluate $(or $(TERREX_DATA),$(error no data: set TERREX_DATA)) --split dev --profile balanced --range given --only none \
+	  $(foreach file,$(wildcard examples/evidence/candidates/*.yaml),--candidate $(file)) --out build/evaluation --jobs $(JOBS) $(ARGS)
+
 bench-matching: $(STAMP)  ## Measure the matchers: accuracy, time, memory, scaling, pixel locking (needs TERREX_DATA)
 	@$(BIN)/python -m benchmarks.matching $(ARGS)
 	@$(BIN)/python -m benchmarks.matching_scaling --plot build/matching-scaling.png

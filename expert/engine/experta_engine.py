@@ -33,8 +33,9 @@ with importable():
     from experta.agenda import Agenda
     from experta.factlist import FactList
     from experta.matchers import ReteMatcher
+    from experta.matchers.rete.abstract import OneInputNode, TwoInputNode
     from experta.matchers.rete.mixins import AnyChild, ChildNode, NoMemory
-    from experta.matchers.rete.nodes import ConflictSetNode, OneInputNode
+    from experta.matchers.rete.nodes import ConflictSetNode
     from experta.matchers.rete.token import Token
 
 Kind = str | int  # of an item: the template of a fact, or the number of a helper
@@ -193,31 +194,38 @@ class QuietMatcher(ReteMatcher):
         """Wire the joins; note which rules have changed, and which nodes have a memory."""
         super().build_beta_part(ruleset, alpha_terminals)
         self._changed: dict[Any, None] = {}
-        self._nodes: dict[Any, None] = {}
+        found: dict[Any, None] = {}
         waiting = [self.root_node]
         while waiting:
             node = waiting.pop()
-            if node in self._nodes:
+            if node in found:
                 continue
-            self._nodes[node] = None
+            found[node] = None
             for index, child in enumerate(node.children):
                 waiting.append(child.node)
                 if isinstance(child.node, ConflictSetNode):
                     node.children[index] = ChildNode(child.node, self._noting(child.node))
+                elif isinstance(child.node, TwoInputNode):  # it only reads its tokens, and needs no copy
+                    direct = getattr(child.node, f"_{child.callback.__name__}")
+                    node.children[index] = ChildNode(child.node, direct)
+        self._joins = [node for node in found if isinstance(node, TwoInputNode)]
+        self._ends = [node for node in found if isinstance(node, ConflictSetNode)]
 
     def _noting(self, node: Any) -> Callable[[Any], None]:
         def activate(token: Any) -> None:
             self._changed[node] = None
-            node.activate(token)
+            node._activate(token)
 
         return activate
 
     def reset(self) -> None:
         """Empty every memory, each once."""
         self._changed.clear()
-        for node in self._nodes:
+        for node in self._joins:
             node._reset()
-            if isinstance(node, ConflictSetNode):
+        for node in self._ends:
+            if node.memory or node.added or node.removed:
+                node._reset()
                 node.get_activations()
 
     def changes(self, adding: Any = None, deleting: Any = None) -> tuple[list[Any], list[Any]]:
@@ -277,6 +285,17 @@ class Network(experta.KnowledgeEngine):
             self.facts.declare(item)
         if not self.running:
             self.strategy.update_agenda(self.agenda, *self.get_activations())
+
+    def run(self) -> None:
+        """Fire what is on the agenda until nothing is left; the texts of the library's log are not made."""
+        self.running = True
+        while True:
+            self.strategy.update_agenda(self.agenda, *self.get_activations())
+            activation = self.agenda.get_next()
+            if activation is None:
+                break
+            activation.rule(self, **activation.context)
+        self.running = False
 
     def infer(self, facts: Iterable[Fact], record: Record) -> Firings:
         """Run to the end on these facts alone."""
