@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from modules.measurement.sample import Sample
 from modules.operator import Cost
 from modules.primitives.statistics import (
-    count_levels,
     fit_gain_offset,
     match_levels,
+    median,
     quantiles,
     wasserstein_1,
 )
@@ -64,7 +64,7 @@ def measure_brightness(sample: Sample) -> list[Brightness]:
     Gain and offset come from the quantile functions of what both images see, without correspondences: a difference that
     varies over the image shows up in the residuals only.
     """
-    counts = [count_levels(plane) for plane in sample.common_planes["gray"]]
+    counts = sample.common_counts["gray"]
     left_q, right_q = (quantiles(side, PROBABILITIES) for side in counts)
     gain, offset, sigma = fit_gain_offset(left_q, right_q, 255)
     gain = max(gain, 0.0)
@@ -90,15 +90,15 @@ def _block_difference(sample: Sample, table: NDArray[np.float64]) -> float:
     left, right = sample.common_quarter
     mapped = np.asarray(cv2.LUT(left, table.astype(np.float32)), np.float32).reshape(left.shape)
     a, b = (cv2.resize(x, (6, 12), interpolation=cv2.INTER_AREA) for x in (mapped, right.astype(np.float32)))
-    return float(np.median(np.abs(a - b)))
+    return median(np.abs(a - b).ravel())
 
 
 def _channel_spread(sample: Sample, table: NDArray[np.float64]) -> float:
     differences = []
-    for name, (left, right) in sample.common_planes.items():
+    levels = np.arange(256)
+    for name, (left, right) in sample.common_counts.items():
         if name != "gray":
-            counts = count_levels(left)
-            differences.append(float(right.mean()) - float(counts @ table / counts.sum()))
+            differences.append(float(right @ levels / right.sum()) - float(left @ table / left.sum()))
     return max(differences) - min(differences) if differences else 0.0
 
 

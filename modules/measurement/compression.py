@@ -9,6 +9,7 @@ import numpy as np
 
 from modules.measurement.sample import Gray, Sample
 from modules.operator import Cost
+from modules.primitives.statistics import median
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 8  # of JPEG and MPEG
@@ -41,9 +42,9 @@ def _steps(gray: Gray) -> float:
         return 1.0
     step = cv2.absdiff(gray[:, 1:], gray[:, :-1])
     means = cv2.reduce(step, 0, cv2.REDUCE_AVG, dtype=cv2.CV_32F).ravel()
-    means = np.minimum(means, OUTLIER * np.median(means))
+    means = np.minimum(means, OUTLIER * median(means))
     phases = means[: len(means) // BLOCK_PX * BLOCK_PX].reshape(-1, BLOCK_PX).mean(axis=0)
-    usual = float(np.median(phases))
+    usual = median(phases)
     return float(phases.max() / usual) if usual > 0 else 1.0
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from modules.measurement.sample import Sample
 from modules.operator import Cost
 from modules.primitives.coarse import CoarseMatch
+from modules.primitives.statistics import percentiles
 from modules.probe import FactModel, Probe, quantity
 
 PADDING_LOW = 0.22  # of the span; percentiles of features underestimate the range by 20 to 25 %
@@ -63,7 +64,7 @@ def measure_disparity_range(sample: Sample) -> list[DisparityRangeFact]:
                 source="unknown", support_count=len(disparities), sign="unknown", matched_fraction=fraction
             )
         ]
-    first, last = (float(value) for value in np.percentile(disparities, SPARSE_PERCENT))
+    first, last = (float(value) for value in percentiles(disparities, SPARSE_PERCENT))
     least, most = _join(first, last, sample.coarse)
     span = most - least
     lowest = int(np.floor(least - max(2.0, PADDING_LOW * span)))
@@ -95,7 +96,7 @@ def _join(low: float, high: float, coarse: CoarseMatch | None) -> tuple[float, f
     known = visible[np.isfinite(visible)]
     if known.size == 0:
         return low, high
-    first, last = np.percentile(known, DENSE_PERCENT) / coarse.factor
+    first, last = percentiles(known, DENSE_PERCENT) / coarse.factor
     return min(low, float(first)), max(high, float(last))
 
 

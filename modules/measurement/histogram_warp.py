@@ -8,7 +8,6 @@ import numpy as np
 
 from modules.measurement.sample import Sample
 from modules.primitives.histogram_warping import warp_levels
-from modules.primitives.statistics import count_levels
 from modules.probe import FactModel, Probe, quantity
 
 BINS = 64  # of 4 dn; a finer table takes the square of the time and says the same
@@ -39,7 +38,7 @@ def measure_histogram_warp(sample: Sample) -> list[HistogramWarp]:
     I. J. Cox, S. Roy, S. L. Hingorani, Dynamic histogram warping of image pairs for constant image brightness, ICIP
     1995.
     """
-    left, right = (count_levels(plane).reshape(BINS, -1).sum(axis=1) for plane in sample.common_planes["gray"])
+    left, right = (counts.reshape(BINS, -1).sum(axis=1) for counts in sample.common_counts["gray"])
     left, right = left / max(left.sum(), 1.0), right / max(right.sum(), 1.0)
     cost = warp_levels(left[None], right[None], MAX_RUN).costs[0]
     return [

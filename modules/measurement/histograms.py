@@ -8,7 +8,7 @@ import numpy as np
 
 from modules.measurement.sample import Sample
 from modules.operator import Cost
-from modules.primitives.statistics import Floats, count_levels, entropy_bits, quantiles
+from modules.primitives.statistics import Floats, entropy_bits, quantiles
 from modules.probe import FactModel, Probe, quantity
 from modules.types import Side
 
@@ -46,10 +46,10 @@ def measure_histograms(sample: Sample) -> list[Histogram]:
     sides: tuple[Side, ...] = get_args(Side)
     channels: tuple[Channel, ...] = get_args(Channel)
     return [
-        _describe(side, channel, count_levels(sample.planes[channel][index]))
+        _describe(side, channel, sample.counts[channel][index])
         for index, side in enumerate(sides)
         for channel in channels
-        if channel in sample.planes
+        if channel in sample.counts
     ]
 
 
@@ -57,7 +57,11 @@ def _describe(side: Side, channel: Channel, counts: Floats) -> Histogram:
     levels = np.arange(len(counts))
     mean = float(counts @ levels / counts.sum())
     p1, p5, p50, p95, p99 = (float(value) for value in quantiles(counts, np.array([0.01, 0.05, 0.5, 0.95, 0.99])))
-    variance, third, fourth = (float(counts @ (levels - mean) ** power / counts.sum()) for power in (2, 3, 4))
+    from_mean = levels - mean
+    squares = from_mean * from_mean
+    variance, third, fourth = (
+        float(counts @ powers / counts.sum()) for powers in (squares, squares * from_mean, squares * squares)
+    )
     spread = max(variance, 1e-9)
     skewness = third / spread**1.5
     return Histogram(

@@ -19,7 +19,7 @@ from modules.measurement._corresponding import (
 )
 from modules.measurement.sample import Sample
 from modules.operator import Cost
-from modules.primitives.statistics import Floats, fit_linear, robust_sigma
+from modules.primitives.statistics import Floats, fit_linear, median, percentiles, robust_sigma
 from modules.probe import FactModel, Probe, quantity
 
 CORE = (3.0, 97.0)  # percentiles of the left brightness between which the tone curve is fitted
@@ -115,7 +115,7 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
         return [Radiometry(count=0)]
     left = blocks.left
     right = _undo(blocks.right, light.place)
-    low, high = np.percentile(left, CORE)
+    low, high = percentiles(left, CORE)
     middle, half = (low + high) / 2, max((high - low) / 2, 1.0)
     at = (left - middle) / half
     line = np.column_stack([np.ones_like(at), at])
@@ -135,7 +135,7 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
     return [
         Radiometry(
             count=len(blocks),
-            difference_dn=float(np.median(right - left)),
+            difference_dn=median(right - left),
             difference_sigma_dn=float(np.hypot(_median_error(right - left), DIFFERENCE_ERROR_DN)),
             gain=gain,
             gain_sigma=float(np.hypot(errors[1] / half, GAIN_ERROR)),
@@ -146,8 +146,8 @@ def measure_radiometry(sample: Sample) -> list[Radiometry]:
             local_gamma=local[0] if local else None,
             local_gamma_sigma=_local_gamma_sigma(*local) if local else None,
             constancy_residual_dn=_rms(right - left),
-            gain_residual_dn=_rms(right - np.median(right / left) * left),
-            offset_residual_dn=_rms(right - left - np.median(right - left)),
+            gain_residual_dn=_rms(right - median(right / left) * left),
+            offset_residual_dn=_rms(right - left - median(right - left)),
             gamma_residual_dn=_rms(right - 255 * (left / 255) ** _exponent(left, right)),
             line_residual_dn=_rms(right - line @ straight),
             curve_residual_dn=_rms(right - (255.5 * np.exp(logs @ power) - 0.5)),
@@ -172,7 +172,7 @@ def _undo(values: NDArray[Any], place: Floats) -> Floats:
 
 def _rms(residual: Floats) -> float:
     squares = residual * residual
-    return float(np.sqrt(np.mean(np.minimum(squares, np.percentile(squares, KEPT_PERCENT)))))
+    return float(np.sqrt(np.mean(np.minimum(squares, percentiles(squares, [KEPT_PERCENT])))))
 
 
 def _median_error(values: Floats) -> float:
@@ -181,7 +181,7 @@ def _median_error(values: Floats) -> float:
 
 def _exponent(left: Floats, right: Floats) -> float:
     exponents = np.log((right + 0.5) / 255.5) / np.minimum(np.log((left + 0.5) / 255.5), -0.05)
-    return float(np.median(exponents))
+    return median(exponents)
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def _cast(
         if np.count_nonzero(use) < CAST_BLOCKS:
             return None, None
         beyond = (log_ratio(left, right) - by_curve(left) - common + expected)[use]
-        excess.append(float(np.median(beyond)))
+        excess.append(median(beyond))
         errors.append(_median_error(beyond))
     _, second, largest = sorted(errors)
     return max(excess) - min(excess), float(np.linalg.norm([second, largest, CAST_ERROR]))

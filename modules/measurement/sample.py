@@ -14,8 +14,9 @@ from modules.measurement._corresponding import Corresponding, LightFit, correspo
 from modules.primitives.coarse import CoarseMatch, coarse_factor, coarse_match
 from modules.primitives.features import match_features, track_corners
 from modules.primitives.noise import NoiseBlocks, estimate_noise_dn, noise_blocks
-from modules.primitives.photometry import common_view, dominant_shift_px, shrink, to_8_bit, to_gray
+from modules.primitives.photometry import common_view, dominant_shift_px, seen_alone, shrink, to_8_bit, to_gray
 from modules.primitives.rows import RowFit, fit_rows
+from modules.primitives.statistics import Floats, count_levels
 from modules.primitives.stuck import find_columns
 from modules.primitives.warp import row_alignment_map, warp
 from modules.types import Correspondences, DisparityRange, Image, Views
@@ -123,6 +124,20 @@ class Sample:
     def common_planes(self) -> dict[str, tuple[Gray, Gray]]:
         """The planes, cut to the columns that both images see."""
         return {name: common_view(left, right, self.shift_px) for name, (left, right) in self.planes.items()}
+
+    @cached_property
+    def counts(self) -> dict[str, tuple[Floats, Floats]]:
+        """Histograms of the planes, float64 (256,), left and right."""
+        return {name: (count_levels(left), count_levels(right)) for name, (left, right) in self.planes.items()}
+
+    @cached_property
+    def common_counts(self) -> dict[str, tuple[Floats, Floats]]:
+        """Histograms of what both images see of the planes: of the planes, less what one sees alone."""
+        alone = {name: seen_alone(left, right, self.shift_px) for name, (left, right) in self.planes.items()}
+        return {
+            name: (left - count_levels(alone[name][0]), right - count_levels(alone[name][1]))
+            for name, (left, right) in self.counts.items()
+        }
 
     @cached_property
     def common_quarter(self) -> tuple[Gray, Gray]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
 from modules.operator import Cost
+from modules.primitives.statistics import median
 from modules.probe import FactModel, Probe, quantity
 
 BLOCK_PX = 24
@@ -44,11 +45,11 @@ def _detail(gray: NDArray[np.uint8], noise_dn: float) -> float | None:
     box3, box7 = (np.asarray(cv2.boxFilter(values, cv2.CV_32F, (side, side))) for side in (3, 7))
     fine = _block_squares(np.subtract(values, box3, dtype=np.float32)) - FINE_NOISE * noise
     coarse = _block_squares(box3 - box7) - COARSE_NOISE * noise
-    textured = coarse > max(1.0, float(np.median(coarse)), noise)
+    textured = coarse > max(1.0, median(coarse.ravel()), noise)
     if np.count_nonzero(textured) < 5:
         return None
     # The ratio within a block does not depend on its gain: local light cancels.
-    return float(np.sqrt(max(float(np.median(fine[textured] / coarse[textured])), 1e-4)))
+    return float(np.sqrt(max(median(fine[textured] / coarse[textured]), 1e-4)))
 
 
 def _block_squares(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
 from modules.operator import Cost
+from modules.primitives.statistics import median
 from modules.probe import FactModel, Probe, quantity
 
 WEAK_GRADIENT_DN = 1.5  # mean |dg/dx| at half size below which a matcher has little to go by
@@ -52,17 +53,19 @@ def _repetition(gray: NDArray[np.uint8]) -> float:
     if count < 32:
         return 0.0
     rows = rows - cv2.blur(rows, (31, 1))
-    power = np.abs(np.fft.rfft(rows, 2 * count, axis=1)) ** 2
-    correlation = np.fft.irfft(power, axis=1)[:, : count // 2]
+    length = cv2.getOptimalDFTSize(count + count // 2)  # padded so that no row meets itself within half of it
+    spectrum = np.fft.rfft(rows, length, axis=1)
+    power = spectrum.real**2 + spectrum.imag**2
+    correlation = np.fft.irfft(power, length, axis=1)[:, : count // 2]
     usable = correlation[:, 0] > count * WEAK_GRADIENT_DN**2
     if np.count_nonzero(usable) < 3:
         return 0.0
     overlap = 1 - np.arange(count // 2) / count
     relative = correlation[usable] / correlation[usable, :1] / overlap
     # Peaks count only beyond the first time the correlation falls below zero: the main lobe is not a repetition.
-    beyond = np.cumsum(relative < 0, axis=1) > 0
+    beyond = np.logical_or.accumulate(relative < 0, axis=1)
     peaks = np.where(beyond, relative, 0).max(axis=1)
-    return float(np.clip(np.median(peaks), 0, 1))
+    return float(np.clip(median(peaks), 0, 1))
 
 
 PROBE = Probe(

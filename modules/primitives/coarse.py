@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.primitives.photometry import shrink, standardise_to_bytes
+from modules.primitives.statistics import percentiles
 from modules.types import FloatImage
 
 Gray = NDArray[np.uint8]
@@ -66,7 +67,7 @@ class CoarseMatch:
         if known.size == 0:
             return shown
         width = shown.shape[1]
-        small, large = np.percentile(known, (5, 95))
+        small, large = percentiles(known, (5, 95))
         shown[:, : int(np.clip(large, 0, 0.6 * width))] = np.nan
         shown[:, width - int(np.clip(-small, 0, 0.6 * width)) :] = np.nan
         return shown
@@ -120,7 +121,7 @@ def _narrowed(planes: list[Gray], first: int, last: int) -> tuple[int, int]:
     known = shown[np.isfinite(shown)]
     if known.size < NARROWING_SHARE * disparity.size:
         return first, last
-    least, most = 2 * np.percentile(known, NARROWING_PERCENT)
+    least, most = 2 * percentiles(known, NARROWING_PERCENT)
     margin = NARROWING_MARGIN_PX + NARROWING_MARGIN * (most - least)
     return max(first, int(np.floor(least - margin))), min(last, int(np.ceil(most + margin)))
 

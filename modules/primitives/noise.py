@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.primitives.statistics import Floats, fit_linear
+from modules.primitives.statistics import Floats, fit_linear, median, percentiles
 
 FILTER = np.array([1.0, -2.0, 1.0])  # along both axes: a plane and an edge along an axis give no response
 FILTER_GAIN = 6.0  # root of the sum of squares of the filter's outer product with itself
 BLOCK_PX = 16
-LOW_QUANTILE = 0.15  # smoothest blocks; texture fills the others
+LOW_PERCENT = 15.0  # smoothest blocks; texture fills the others
 STRIP_PX = 64  # rows that are filtered at once; of large images only every second or third strip is
 ENOUGH_PX = 150_000  # pixels that suffice
 LOW_BIAS = 0.93  # mean of |Laplacian| in the smoothest 15 % of pure-noise blocks relative to all
@@ -48,7 +48,7 @@ class NoiseBlocks:
         """Noise by the smoothest blocks; 0 with fewer than 10 blocks."""
         if self.sigma_dn.size < LEAST_BLOCKS:
             return 0.0
-        return float(np.quantile(self.sigma_dn, LOW_QUANTILE)) / LOW_BIAS
+        return float(percentiles(self.sigma_dn, [LOW_PERCENT])[0]) / LOW_BIAS
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def fit_noise_line(blocks: NoiseBlocks) -> NoiseLine | None:
     order = np.argsort(blocks.level_dn, kind="stable")
     groups = np.array_split(order, count)
     level = np.array([float(blocks.level_dn[group].mean()) for group in groups])
-    smooth = np.array([float(np.quantile(blocks.sigma_dn[group], LOW_QUANTILE)) for group in groups])
+    smooth = np.array([float(percentiles(blocks.sigma_dn[group], [LOW_PERCENT])[0]) for group in groups])
     if np.ptp(level) < LEVEL_SPAN_DN:
         return None
     variance = (smooth / LOW_BIAS) ** 2
@@ -129,8 +129,8 @@ def _line(level: Floats, variance: Floats) -> tuple[float, float, Floats]:
     weight = 1 / (GROUP_ERROR * variance + ROUNDING_DN2)
     design = np.column_stack([np.ones_like(level), level]) * weight[:, None]
     (floor, slope), covariance, _ = fit_linear(design, variance * weight, 1.0)
-    model = TEXTURE_ERROR * float(np.median(variance))
-    falling = max(0.0, -float(slope)) * float(np.median(level))  # by texture: the floor may be as much lower
+    model = TEXTURE_ERROR * median(variance)
+    falling = max(0.0, -float(slope)) * median(level)  # by texture: the floor may be as much lower
     errors = np.hypot(np.sqrt(np.maximum(np.diag(covariance), 0)), [model + falling, model / np.ptp(level)])
     return float(floor), float(slope), errors
 

@@ -127,6 +127,15 @@ def common_view(left: NDArray[Any], right: NDArray[Any], shift_px: int) -> tuple
     return left[:, : width + shift], right[:, -shift:]
 
 
+def seen_alone(left: NDArray[Any], right: NDArray[Any], shift_px: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Cut both images to the columns that `common_view` leaves out."""
+    width = left.shape[1]
+    shift = int(np.clip(shift_px, -width + 1, width - 1))
+    if shift >= 0:
+        return left[:, :shift], right[:, width - shift :]
+    return left[:, width + shift :], right[:, :-shift]
+
+
 def standardise(image: NDArray[np.uint8], window_px: int, damping_dn: float) -> NDArray[np.float32]:
     """Return `(g - mean) / (std + damping)` with square windows, float32 (H, W); immune to smooth changes of light.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.primitives.statistics import fit_linear, robust_sigma
+from modules.primitives.statistics import fit_linear, median, robust_sigma
 from modules.types import Correspondences
 
 SAMPLES = 200  # of three matches
@@ -121,7 +121,7 @@ def _densest(values: NDArray[np.float64], half_width: float) -> NDArray[np.bool_
 def _sample_consensus(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
     picks = np.random.default_rng(0).integers(len(values), size=(SAMPLES, 3))
     picks = picks[np.abs(np.linalg.det(design[picks])) > 0.05]  # also drops a match that was drawn twice
-    candidates = np.array([[float(np.median(values)), 0.0, 0.0]])
+    candidates = np.array([[median(values), 0.0, 0.0]])
     if len(picks):
         candidates = np.vstack([candidates, np.linalg.solve(design[picks], values[picks][..., None])[..., 0]])
     close = np.clip(1 - np.abs(values - candidates @ design.T), 0, None).sum(axis=1)

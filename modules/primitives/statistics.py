@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import cv2
@@ -23,6 +24,15 @@ def median(values: NDArray[Any]) -> float:
         return float(np.partition(values, middle)[middle])
     below, above = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
     return (float(below) + float(above)) / 2
+
+
+def percentiles(values: NDArray[Any], percents: Sequence[float]) -> Floats:
+    """Return percentiles of finite values (N,), at least one, as `np.percentile` does in up to five times the time."""
+    place = np.asarray(percents) / 100 * (len(values) - 1)
+    below, above = np.floor(place).astype(np.intp), np.ceil(place).astype(np.intp)
+    ordered = np.partition(values, np.concatenate([below, above]))
+    low, high = ordered[below].astype(np.float64), ordered[above].astype(np.float64)
+    return np.asarray(low + (place - below) * (high - low))
 
 
 def robust_sigma(values: NDArray[Any]) -> float:

@@ -6,7 +6,8 @@ import pytest
 from numpy.typing import NDArray
 
 from modules.primitives.noise import noise_blocks
-from modules.primitives.photometry import shrink, standardise, standardise_to_bytes
+from modules.primitives.photometry import common_view, seen_alone, shrink, standardise, standardise_to_bytes
+from modules.primitives.statistics import count_levels
 from modules.primitives.stuck import find_columns, stand_out
 
 Gray = NDArray[np.uint8]
@@ -79,3 +80,10 @@ def test_noise_of_blocks_follows_the_noise() -> None:
     flat = np.random.default_rng(1).normal(100, 6, (320, 320)).round().astype(np.uint8)
     assert noise_blocks(flat).noise_dn == pytest.approx(6, rel=0.1)
     assert noise_blocks(np.zeros((20, 20), np.uint8)).noise_dn == 0
+
+
+@pytest.mark.parametrize("shift_px", [-300, -30, 0, 7, 300])
+def test_what_both_see_and_what_one_sees_alone_are_the_image(shift_px) -> None:
+    images = textured(seed=1), textured(seed=2)
+    for image, common, alone in zip(images, common_view(*images, shift_px), seen_alone(*images, shift_px), strict=True):
+        assert np.array_equal(count_levels(common) + count_levels(alone), count_levels(image))

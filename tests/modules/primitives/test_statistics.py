@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modules.primitives.statistics import fit_linear, median, solve_weighted
+from modules.primitives.statistics import fit_linear, median, percentiles, solve_weighted
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 50, 51])
@@ -35,3 +35,9 @@ def test_columns_that_depend_on_each_other_still_give_a_fit(second) -> None:
     design = np.stack([np.ones(50), second, second], axis=1)
     values = design.sum(axis=1)
     assert design @ fit_linear(design, values, 0.01)[0] == pytest.approx(values, abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 50, 101])
+def test_percentiles_are_those_of_numpy(count) -> None:
+    values, percents = np.random.default_rng(count).normal(size=count).astype(np.float32), (0.0, 12.5, 99.0, 100.0)
+    assert percentiles(values, percents) == pytest.approx(np.percentile(values.astype(float), percents), abs=1e-12)
