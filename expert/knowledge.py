@@ -9,7 +9,7 @@ from functools import cached_property
 from expert.facts import Vocabulary, vocabulary
 from expert.firing import Engine
 from expert.rules.load import LoadedRules
-from expert.rules.model import Exclude, Rule, RuleBase
+from expert.rules.model import Exclude, RuleBase
 from expert.rules.strata import with_sources
 from modules.operator import Operator
 from modules.probe import Probe
@@ -28,11 +28,6 @@ class Knowledge:
     def words(self) -> Vocabulary:
         """Every template that rules may speak of."""
         return vocabulary(self.probes.values())
-
-    @cached_property
-    def by_id(self) -> Mapping[str, Rule]:
-        """The rules in force."""
-        return {rule.id: rule for rule in self.rules.base.rules}
 
     @cached_property
     def leaving_out(self) -> RuleBase | None:

@@ -369,7 +369,7 @@ def settle(
     PlanError
         A parameter is unknown or outside its range.
     """
-    rules = {rule.id: rule for rule in base.rules}
+    rules = base.by_id
     found = proposals(rules, firings, operators, (Choose,))
     excluded = {**_exclusions(rules, firings), **dict.fromkeys(failed, "a failure in an earlier trial")}
     settings = _settings(rules, firings)

@@ -47,7 +47,7 @@ def firing_records(
     words : Vocabulary
         For units.
     """
-    rules = {rule.id: rule for rule in base.of_stage(stage)}
+    rules = base.by_id
     reader = MarginReader.over(words, base.thresholds, result.facts)
     return [
         FiringRecord(
@@ -75,7 +75,7 @@ def _actions(base: RuleBase, rule: Rule, firing: Firing) -> tuple[ActionRecord, 
 
 def finding_records(base: RuleBase, concluded: Mapping[Stage, Firings]) -> list[FindingRecord]:
     """Return the findings that rules derived, each with the rules and the stage it was first derived in."""
-    rules = {rule.id: rule for rule in base.rules}
+    rules = base.by_id
     sources: dict[tuple[str, str], list[tuple[Stage, str]]] = {}
     for stage, result in concluded.items():
         for firing in result.firings:

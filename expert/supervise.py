@@ -174,7 +174,7 @@ class Run:
         return {action.measure for action in self._actions(result) if isinstance(action, Measure)}
 
     def _actions(self, result: Firings) -> list[Action]:
-        rules = self.knowledge.by_id
+        rules = self.knowledge.rules.base.by_id
         return [rules[firing.rule].then[item.index] for firing in result.firings for item in firing.actions]
 
     def decide_measurement(self) -> None:
@@ -334,8 +334,8 @@ class Run:
         return [record.severity for record in finding_records(self.knowledge.rules.base, {stage: attempt.assessed})]
 
     def _extend(self, directives: Directives, assessed: Firings) -> Directives:
-        found = proposals(self.knowledge.by_id, assessed.firings, self.knowledge.operators, (Repair,))
-        steps = adjustments(self.knowledge.by_id, assessed.firings)
+        found = proposals(self.knowledge.rules.base.by_id, assessed.firings, self.knowledge.operators, (Repair,))
+        steps = adjustments(self.knowledge.rules.base.by_id, assessed.firings)
         asked = Directives(candidates={slot: tuple(items) for slot, items in found.items()}, adjustments=steps)
         return directives.joined(asked)
 

@@ -6,7 +6,7 @@ import itertools
 
 from expert.decision import ConditionRecord, Decision, FiringRecord
 from expert.explain.model import How, Node, number
-from expert.explain.record import check_digest, findings_in, rules_by_id, source_of, unknown
+from expert.explain.record import check_digest, findings_in, source_of, unknown
 from expert.facts import Vocabulary, vocabulary
 from expert.plan import Candidate, Step
 from expert.rules.explain import condition_text
@@ -78,7 +78,7 @@ class _Teller:
         """Return what the rule asks for and what was measured; of groups also what is inside."""
         if self.rules is None:
             return [Node(sentence=f"when {item.text}{self.measured(item, firing)}") for item in firing.conditions]
-        rule = rules_by_id(self.rules.base)[firing.rule]
+        rule = self.rules.base.by_id[firing.rule]
         thresholds = self.rules.base.thresholds
         recorded = iter(firing.conditions)
         nodes = []
@@ -121,7 +121,7 @@ class _Teller:
         """Return the findings that the rule asks for and that were there, with the rules that derived them."""
         names = {str(record.fields.get("name")) for record in firing.bindings.values() if record.template == "finding"}
         if self.rules is not None:
-            names |= {item.finding for item in findings_in(rules_by_id(self.rules.base)[firing.rule].when)}
+            names |= {item.finding for item in findings_in(self.rules.base.by_id[firing.rule].when)}
         nodes = []
         for finding in self.decision.findings:
             if finding.name in names:

@@ -12,7 +12,7 @@ from expert.facts import Planned as PlannedFact
 from expert.facts import Trial as TrialFact
 from expert.plan import StagePlan
 from expert.rules.load import KnownRules
-from expert.rules.model import STAGES, Choose, FindingCondition, Repair, Rule, RuleBase, Stage
+from expert.rules.model import STAGES, Choose, FindingCondition, Repair, Stage
 from expert.rules.problem import suggest
 from modules.catalog import probes
 
@@ -99,11 +99,6 @@ def source_of(rules: KnownRules, rule: str) -> str:
     """Return where a rule is written, `file:line`."""
     file, line = rules.positions.get(rule, ("", 0))
     return f"{file}:{line}" if file else "unknown file"
-
-
-def rules_by_id(base: RuleBase) -> dict[str, Rule]:
-    """Return the rules by id."""
-    return {rule.id: rule for rule in base.rules}
 
 
 def proposes(action: object) -> str | None:

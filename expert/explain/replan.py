@@ -19,7 +19,6 @@ from expert.explain.record import (
     kept_trial,
     planned_facts,
     product_of,
-    rules_by_id,
     unit_of,
     unknown,
 )
@@ -82,7 +81,7 @@ class Replan:
     def __init__(self, decision: Decision, rules: KnownRules, engine: Engine) -> None:
         self.decision, self.rules, self.engine = decision, rules, engine
         self.words = vocabulary(probes().values())
-        self._rules = rules_by_id(rules.base)
+        self._rules = rules.base.by_id
         self._cheap: list[Fact] = []
         self._dear: dict[str, list[Fact]] = {}
         self._product: dict[str, list[Fact]] = {}

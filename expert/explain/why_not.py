@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from expert.decision import Decision
 from expert.explain.model import RuleVerdict, WhyNot
-from expert.explain.record import check_digest, facts_of_stage, proposes, rules_by_id, source_of, unit_of, unknown
+from expert.explain.record import check_digest, facts_of_stage, proposes, source_of, unit_of, unknown
 from expert.facts import Vocabulary, vocabulary
 from expert.plan import Step
 from expert.rules.evaluate import finding_of
@@ -93,7 +93,7 @@ class _Inquiry:
 
     def wins(self, action: Choose | Repair, rule: Rule, step: Step) -> bool:
         """Say whether a proposal would beat the one that fills its slot."""
-        holder = rules_by_id(self.rules.base).get(step.chosen_by or "")
+        holder = self.rules.base.by_id.get(step.chosen_by or "")
         if holder is None:
             return True
         scores = [item.score for item in holder.then if isinstance(item, Choose | Repair) and _gives(item, step)]
@@ -150,7 +150,7 @@ def why_not(decision: Decision, rules: KnownRules, name: str) -> WhyNot:
         if name in (rule.id, rule.name):
             return _why_not_rule(inquiry, rule)
     if name not in operators():
-        raise unknown("operator or rule", name, [*operators(), *rules_by_id(rules.base)])
+        raise unknown("operator or rule", name, [*operators(), *rules.base.by_id])
     return _why_not_operator(inquiry, operators()[name])
 
 
@@ -235,7 +235,7 @@ def _why_not_operator(inquiry: _Inquiry, operator: Operator) -> WhyNot:
 def _without_effect(inquiry: _Inquiry, verdicts: Sequence[RuleVerdict]) -> str:
     """Say why rules that fired gave no candidate: asked too late, or a parameter that could not be computed."""
     parts = []
-    rules = rules_by_id(inquiry.rules.base)
+    rules = inquiry.rules.base.by_id
     for verdict in verdicts:
         if verdict.fired and any(isinstance(action, Repair) for action in rules[verdict.rule].then):
             parts.append(f"{verdict.rule} asked for it after the trial that was kept, and no better trial came of it")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from expert.decision import ConditionRecord, Decision, FiringRecord
-from expert.explain.record import findings_in, rules_by_id
+from expert.explain.record import findings_in
 from expert.plan import NONE, Step
 from expert.report.rows import INTERNAL, condition_line
 from expert.report.words import fact_title, number_text, short_title, unit_text
@@ -236,7 +236,7 @@ def decision_graph(decision: Decision, rules: KnownRules | None = None) -> Decis
     rules : KnownRules, optional
         With them also findings are joined to the rules that ask for them without naming the fact.
     """
-    builder = _Builder(decision, rules_by_id(rules.base) if rules else {})
+    builder = _Builder(decision, rules.base.by_id if rules else {})
     order = sorted(decision.firings, key=lambda firing: (STAGES.index(firing.stage), firing.rule))
     for firing in order:
         builder.firing(firing)

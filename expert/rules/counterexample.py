@@ -71,7 +71,7 @@ def counterexamples(
     given : mapping from rule id to sets of facts
         Where to begin, for instance the facts of the cases of each rule.
     """
-    before, after = ({rule.id: rule for rule in base.rules} for base in (old, new))
+    before, after = old.by_id, new.by_id
     shared = {*old.thresholds, *new.thresholds}
     moved = {name for name in shared if old.thresholds.get(name) != new.thresholds.get(name)}
     found = []

@@ -182,7 +182,7 @@ def rule_differences(old: RuleBase, new: RuleBase, vocabulary: Vocabulary) -> li
         elif old.findings[name] != new.findings[name]:
             found.append(Difference("reworded", what, "sentence", old.findings[name], new.findings[name]))
     found += _slots(sides)
-    before, after = ({rule.id: rule for rule in base.rules} for base in (old, new))
+    before, after = old.by_id, new.by_id
     for identifier in sorted({*before, *after}):
         what = f"rule {identifier}"
         if identifier not in after:

@@ -13,6 +13,8 @@ Semantics, in one place:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
@@ -296,6 +298,11 @@ class RuleBase(Model):
     slots: dict[Stage, list[Slot]] = Field(default_factory=dict)
     disable: list[str] = Field(default_factory=list)
     rules: list[Rule] = Field(default_factory=list)
+
+    @cached_property
+    def by_id(self) -> Mapping[str, Rule]:
+        """The rules by their ids."""
+        return {rule.id: rule for rule in self.rules}
 
     def of_stage(self, stage: Stage) -> tuple[Rule, ...]:
         """Return the rules of one stage, by id."""
