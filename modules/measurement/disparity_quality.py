@@ -159,7 +159,7 @@ def measure_disparity_quality(state: Matching) -> list[FactModel]:
     def share(where: Mask) -> float:
         return int(np.count_nonzero(where & usable)) / total
 
-    counts = np.bincount(disparity.validity[usable])
+    counts = np.bincount(disparity.validity[usable & (disparity.validity != 0)])
     flags = np.arange(len(counts))
 
     def rejected(reason: Invalid) -> float:
@@ -206,7 +206,7 @@ class _Trust:
 def _trust(confidence: FloatImage) -> _Trust:
     """Sum up the confidence of the valid pixels (N,)."""
     values = np.clip(confidence, 0.0, 1.0)
-    expected = float(np.sum(values, dtype=np.float64))
+    expected = cv2.sumElems(values)[0]
     some = values[::DECILE_STEP]
     decile = float(np.partition(some, some.size // 10)[some.size // 10]) if some.size else 0.0
     return _Trust(expected / max(values.size, 1), decile)
