@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
+import cv2
 import numpy as np
 
 from modules.operator import OperatorError
@@ -42,9 +43,19 @@ def channel_histograms(views: Views, shift_px: int, channels: str) -> tuple[list
     for name, image, use in (("left", left_cut, left_use), ("right", right_cut, right_use)):
         if not use.any():
             raise OperatorError(f"correction: no pixel of the {name} image is unmasked; loosen the masks first")
-        planes = planes_of(image) if channels == "each" else [to_gray(np.ascontiguousarray(image))]
-        sides.append([count_levels(plane if use.all() else plane[use]) for plane in planes])
+        counted = image if channels == "each" else to_gray(np.ascontiguousarray(image))
+        sides.append(_count_channels(counted, None if use.all() else use))
     return sides[0], sides[1]
+
+
+def _count_channels(image: Image, use: Mask | None) -> list[Floats]:
+    """Return the histogram of each channel, or of a gray image, over the pixels of `use`."""
+    if image.dtype != np.uint8:
+        return [count_levels(plane if use is None else plane[use]) for plane in planes_of(image)]
+    mask = None if use is None else use.astype(np.uint8)
+    channels = range(1 if image.ndim == 2 else image.shape[2])
+    found = (cv2.calcHist([image], [channel], mask, [256], [0, 256]) for channel in channels)
+    return [np.asarray(counts, dtype=np.float64).ravel() for counts in found]
 
 
 def planes_of(image: Image) -> list[Image]:

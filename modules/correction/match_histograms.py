@@ -61,20 +61,22 @@ def match_histograms(views: Views, params: MatchHistogramsParams) -> Views:
     check_pair(views, "correction.match_histograms")
     shift = shared_shift_px(views) if params.common_view else 0
     left, right = channel_histograms(views, shift, params.channels)
-    to_left = [_table(b, a, params.slope_limit) for a, b in zip(left, right, strict=True)]
-    to_right = [_table(a, b, params.slope_limit) for a, b in zip(left, right, strict=True)]
     if params.reference == "left":
-        return views.with_images(views.left, apply_tables(views.right, to_left))
+        return views.with_images(views.left, apply_tables(views.right, _tables(right, left, params.slope_limit)))
     if params.reference == "right":
-        return views.with_images(apply_tables(views.left, to_right), views.right)
+        return views.with_images(apply_tables(views.left, _tables(left, right, params.slope_limit)), views.right)
     return views.with_images(
-        apply_tables(views.left, [_halfway(table) for table in to_right]),
-        apply_tables(views.right, [_halfway(table) for table in to_left]),
+        apply_tables(views.left, [_halfway(table) for table in _tables(left, right, params.slope_limit)]),
+        apply_tables(views.right, [_halfway(table) for table in _tables(right, left, params.slope_limit)]),
     )
 
 
-def _table(source: Floats, reference: Floats, slope_limit: float) -> Floats:
-    return limit_slope(match_levels(source, reference), source, slope_limit)
+def _tables(sources: list[Floats], references: list[Floats], slope_limit: float) -> list[Floats]:
+    """Return the map of each channel that gives a source its reference's histogram."""
+    return [
+        limit_slope(match_levels(source, reference), source, slope_limit)
+        for source, reference in zip(sources, references, strict=True)
+    ]
 
 
 def _halfway(table: Floats) -> Floats:

@@ -9,7 +9,7 @@ import pytest
 from modules.correction.calibrate_segments import CalibrateSegmentsParams, calibrate_segments
 from modules.correction.fit_response import FitResponseParams, fit_response
 from modules.correction.level_gain_field import LevelGainFieldParams, level_gain_field
-from modules.correction.match_sharpness import MatchSharpnessParams, match_sharpness
+from modules.correction.match_sharpness import COLUMNS, PATCH_PX, MatchSharpnessParams, match_sharpness, unpacked
 from modules.correction.transfer_local_affine import TransferLocalAffineParams, transfer_local_affine
 from modules.operator import OperatorError
 from modules.primitives.segments import find_segments, match_segments
@@ -183,6 +183,12 @@ def test_the_sharper_image_is_blurred_by_what_the_other_lacks(sigma):
 def test_equally_sharp_images_stay_as_they_are():
     pair, _ = views(lambda image: 0.8 * image + 10)
     assert match_sharpness(pair, MatchSharpnessParams()) is pair
+
+
+def test_the_packed_spectrum_is_read_as_numpy_has_it():
+    patch = np.random.default_rng(2).normal(0, 10, (PATCH_PX, PATCH_PX)).astype(np.float32)
+    wanted = np.abs(np.fft.rfft2(patch.astype(np.float64))[:, :COLUMNS]) ** 2
+    np.testing.assert_allclose(unpacked(cv2.dft(patch).astype(np.float64) ** 2), wanted, rtol=1e-3, atol=1.0)
 
 
 def test_noise_is_not_taken_for_sharpness():
