@@ -74,7 +74,7 @@ bench: $(STAMP)  ## Measure accuracy and the share of time per pair, and the ele
 
 bench-terrain: $(STAMP)  ## Measure elevation, uncertainty and hazards on rendered terrain against the bars, and the speed
 	@$(BIN)/python -m benchmarks.terrain $(ARGS)
-	@$(BIN)/python -m benchmarks.terrain --speed
+	@$(BIN)/python -m benchmarks.terrain_speed
 
 .PHONY: bench-writers
 bench-writers: $(STAMP)  ## Measure the writers of terrain products beside those of well-known libraries

@@ -1,7 +1,7 @@
 """Measure the elevation map against rendered terrain with exact truth, and compare with the bars: `make bench-terrain`.
 
     python -m benchmarks.terrain [--seeds 20] [--first 100] [--distortions clean,dark] [--no-attitude]
-                                [--rules FILE] [--speed]
+                                [--rules FILE]
 
 Each seed has its own terrain and attitude, at most 15 degrees from level in any direction. Printed are, as medians over
 the seeds: median and 90th percentile of the absolute elevation error within 6 m, the share of errors within 2 predicted
@@ -13,8 +13,7 @@ the truth calls hazardous. For a distortion the last column is its median error 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,16 +158,6 @@ def measure(seeds: range, distortions: list[str], attitude: bool, rules: Sequenc
             print(f"  bar: MISSED ratio <= {RATIO_BARS.get(name, PHOTOMETRIC_RATIO)}")
 
 
-def cpu_ms(what: Callable[[], object], repeats: int = 5) -> float:
-    """Return the least CPU time of several runs, ms."""
-    spent = []
-    for _ in range(repeats):
-        start = time.process_time()
-        what()
-        spent.append(time.process_time() - start)
-    return 1000.0 * min(spent)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
@@ -176,15 +165,9 @@ def main() -> None:
     parser.add_argument("--distortions", default=",".join(REFERENCE_DISTORTIONS))
     parser.add_argument("--no-attitude", action="store_true", help="fit the ground plane instead")
     parser.add_argument("--rules", action="append", default=[], help="rule file layered on the shipped ones")
-    parser.add_argument("--speed", action="store_true", help="measure time and memory instead of accuracy")
     args = parser.parse_args()
-    if args.speed:
-        from benchmarks.terrain_speed import measure_speed
-
-        measure_speed()
-    else:
-        seeds = range(args.first, args.first + args.seeds)
-        measure(seeds, args.distortions.split(","), not args.no_attitude, args.rules)
+    seeds = range(args.first, args.first + args.seeds)
+    measure(seeds, args.distortions.split(","), not args.no_attitude, args.rules)
 
 
 if __name__ == "__main__":

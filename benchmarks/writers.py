@@ -22,7 +22,7 @@ import rasterio
 import trimesh
 from PIL import Image
 
-from benchmarks.terrain import cpu_ms
+from benchmarks.terrain_speed import cpu_ms
 from modules import formats
 from modules.formats.viewer import write_viewer
 from modules.primitives.surface import surface_of
