@@ -119,11 +119,17 @@ def _densest(values: NDArray[np.float64], half_width: float) -> NDArray[np.bool_
 
 
 def _sample_consensus(design: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    picks = np.random.default_rng(0).integers(len(values), size=(SAMPLES, 3))
-    picks = picks[np.abs(np.linalg.det(design[picks])) > 0.05]  # also drops a match that was drawn twice
-    candidates = np.array([[median(values), 0.0, 0.0]])
-    if len(picks):
-        candidates = np.vstack([candidates, np.linalg.solve(design[picks], values[picks][..., None])[..., 0]])
-    close = np.clip(1 - np.abs(values - candidates @ design.T), 0, None).sum(axis=1)
+    first, *others = np.random.default_rng(0).integers(len(values), size=(SAMPLES, 3)).T
+    (dx1, dy1), (dx2, dy2) = ((design[other] - design[first]).T[1:] for other in others)
+    dv1, dv2 = (values[other] - values[first] for other in others)
+    determinant = dx1 * dy2 - dx2 * dy1
+    wide = np.abs(determinant) > 0.05  # also drops a match that was drawn twice
+    across = (dv1 * dy2 - dv2 * dy1)[wide] / determinant[wide]
+    down = (dx1 * dv2 - dx2 * dv1)[wide] / determinant[wide]
+    start = values[first][wide] - across * design[first, 1][wide] - down * design[first, 2][wide]
+    candidates = np.vstack([[median(values), 0.0, 0.0], np.column_stack([start, across, down])])
+    off = candidates @ design.T
+    off -= values
+    close = len(values) - np.minimum(np.abs(off, out=off), 1, out=off).sum(axis=1)
     steep = np.abs(candidates[:, 1:]).max(axis=1)
     return np.asarray(candidates[int(np.argmax(close * (1 - 0.01 * np.minimum(steep, 50.0))))])
