@@ -10,7 +10,9 @@ from pydantic import Field
 
 from modules.matching.common import require_disparity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
-from modules.types import Matching
+from modules.types import FloatImage, Matching
+
+BEYOND_PX = 1e6  # of every disparity
 
 
 class MedianFilterParams(OperatorParams):
@@ -45,12 +47,17 @@ def median_filter(state: Matching, params: MedianFilterParams) -> Matching:
         return state
     # A lower median with holes at -inf and an upper one with holes at +inf bracket the median of the valid pixels;
     # neither bounds anything where most of the window is holes.
-    big = np.float32(1e6)
     centre = disparity.disparity_px
-    low = cv2.medianBlur(np.fmax(centre, -big), params.size_px)
-    high = cv2.medianBlur(np.fmin(centre, big), params.size_px)
+    low, high = (cv2.medianBlur(_patched(centre, hole), params.size_px) for hole in (-BEYOND_PX, BEYOND_PX))
     smooth = np.minimum(np.maximum(centre, low), high)
     return replace(state, disparity=replace(disparity, disparity_px=smooth))
+
+
+def _patched(disparity: FloatImage, hole: float) -> FloatImage:
+    """Return a copy with a value in the holes; `np.nan_to_num` takes ten times as long."""
+    copy = disparity.copy()
+    cv2.patchNaNs(copy, hole)
+    return copy
 
 
 OPERATOR = Operator(

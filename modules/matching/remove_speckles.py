@@ -52,8 +52,8 @@ def remove_speckles(state: Matching, params: RemoveSpecklesParams) -> Matching:
     scale = FIXED_POINT_STEPS / max(FIXED_POINT_STEPS * largest / 30000.0, 1.0)
     empty = -32768
     scaled = disparity.disparity_px * np.float32(scale)
-    np.rint(scaled, out=scaled)
-    fixed = np.fmax(scaled, np.float32(empty), out=scaled).astype(np.int16)
+    cv2.patchNaNs(scaled, empty)
+    fixed = np.rint(scaled, out=scaled).astype(np.int16)
     cv2.filterSpeckles(fixed, empty, params.max_size_px, round(params.max_difference_px * scale))
     return replace(state, disparity=disparity.reject(fixed == empty, Invalid.SPECKLE))
 
