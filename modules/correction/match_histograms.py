@@ -88,7 +88,7 @@ OPERATOR = Operator(
     slot="radiometry",
     params=MatchHistogramsParams,
     function=match_histograms,
-    cost=Cost(fixed_ms=1.0, ns_per_pixel=15),
+    cost=Cost(fixed_ms=1.0, ns_per_pixel=10),
     summary="Gives both images one histogram through an increasing table, per channel or for luminance.",
     suits="Exposure, response curve and colour differences; harms where light differs locally or contents differ.",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Literal
 
@@ -74,22 +75,22 @@ def continues_surface(disparity: FloatImage, confirmed: Mask, asked: Mask) -> Ma
         True where at least `SURFACE_SHARE` of the window around a pixel is confirmed and within `SURFACE_PX` of it.
     """
     side = 2 * SURFACE_RADIUS + 1
-    least = SURFACE_SHARE * side**2
+    least = math.ceil(SURFACE_SHARE * side**2)
     around = cv2.boxFilter(
         confirmed.view(np.uint8), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT
     )  # confirmed ones, near in disparity or not
     at = np.flatnonzero(asked & (around >= least))
-    value = disparity.ravel().take(at)[:, None]
+    value = disparity.ravel().take(at)
     border = (SURFACE_RADIUS,) * 4
     wide = cv2.copyMakeBorder(blanked(disparity, ~confirmed), *border, cv2.BORDER_CONSTANT, value=np.nan)
     corner = at + at // disparity.shape[1] * (2 * SURFACE_RADIUS)  # of the window, in the padded image
-    runs = np.lib.stride_tricks.sliding_window_view(wide.ravel(), side)
-    count = np.zeros((len(at), side), np.uint8)
+    row = corner + np.arange(side)[:, None]
+    count = np.zeros(row.shape, np.uint8)
     with np.errstate(invalid="ignore"):
         for dy in range(side):
-            count += np.abs(runs[corner + dy * wide.shape[1]] - value) <= SURFACE_PX
+            count += np.abs(wide.ravel().take(row + dy * wide.shape[1]) - value) <= SURFACE_PX
     found = np.zeros(asked.size, bool)
-    found[at] = count.sum(axis=1) >= least
+    found[at] = count.sum(axis=0, dtype=np.uint8) >= least
     return found.reshape(asked.shape)
 
 
