@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from pydantic import Field
 
 from modules.matching.common import at_match, require_disparity
 from modules.operator import Cost, Operator, OperatorParams
-from modules.types import Image, Invalid, Mask, Matching, dn_scale
+from modules.types import Image, Invalid, Mask, Matching, dn_scale, full_scale
 
 
 class CheckSaturationParams(OperatorParams):
@@ -19,8 +21,10 @@ class CheckSaturationParams(OperatorParams):
 
 
 def _clipped(image: Image, level_dn: float) -> Mask:
-    least = image if image.ndim == 2 else image.min(axis=2)
-    return np.asarray(least >= level_dn * dn_scale(image))
+    least = math.ceil(level_dn * dn_scale(image))
+    if image.ndim == 2:
+        return np.asarray(image >= least)
+    return np.asarray(cv2.inRange(image, (least,) * 3, (full_scale(image),) * 3)) != 0
 
 
 def check_saturation(state: Matching, params: CheckSaturationParams) -> Matching:
@@ -58,7 +62,7 @@ OPERATOR = Operator(
     slot="saturation",
     params=CheckSaturationParams,
     function=check_saturation,
-    cost=Cost(fixed_ms=0.2, ns_per_pixel=62.0),
+    cost=Cost(fixed_ms=0.2, ns_per_pixel=5.0),
     summary="Reject pixels that are clipped in either image.",
     suits="Large clipped areas, which hold nothing to match; harms where small highlights are bridged.",
 )
