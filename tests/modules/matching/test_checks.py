@@ -7,12 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from modules.matching.check_left_right import CheckLeftRightParams, check_left_right, project_to_right
+from modules.matching.check_left_right import (
+    SURFACE_PX,
+    SURFACE_RADIUS,
+    SURFACE_SHARE,
+    CheckLeftRightParams,
+    check_left_right,
+    continues_surface,
+    project_to_right,
+)
+from modules.matching.common import at_match
 from modules.matching.median_filter import MedianFilterParams, median_filter
 from modules.matching.remove_speckles import RemoveSpecklesParams, remove_speckles
 from modules.matching.use_range import UseRangeParams, use_range
 from modules.operator import OperatorError
-from modules.types import Disparity, DisparityRange, Invalid, Matching, Views
+from modules.types import Disparity, DisparityRange, FloatImage, Invalid, Matching, Views
 
 NAN = np.nan
 
@@ -30,6 +39,23 @@ def test_the_range_is_set_and_an_empty_one_is_refused() -> None:
     assert use_range(state, UseRangeParams(min_px=-3, max_px=5)).range_px == DisparityRange(-3, 5)
     with pytest.raises(OperatorError, match="max_px 5 must be larger than min_px 5"):
         use_range(state, UseRangeParams(min_px=5, max_px=5))
+
+
+def scattered(seed: int, rows: int = 9, columns: int = 17) -> FloatImage:
+    """Return disparities in steps of a quarter, a third of them missing."""
+    draw = np.random.default_rng(seed)
+    values = draw.integers(-12, 48, (rows, columns)) / 4
+    return np.where(draw.random(values.shape) < 0.3, NAN, values).astype(np.float32)
+
+
+def test_the_nearest_pixel_to_a_match_is_found_where_there_is_one() -> None:
+    left, right = scattered(0), scattered(1)
+    found, known = at_match(right, left)
+    for (row, column), value in np.ndenumerate(left):
+        there = np.rint(column - value)  # halves to even
+        assert known[row, column] == (0 <= there < left.shape[1])
+        if known[row, column]:
+            np.testing.assert_array_equal(found[row, column], right[row, int(there)])
 
 
 def test_a_match_that_does_not_match_back_is_rejected() -> None:
@@ -73,6 +99,22 @@ def test_a_pixel_that_does_not_match_back_is_kept_for_a_clear_minimum_on_a_confi
     assert not beside_an_edge(back=9.0, excess=0.24)
     assert beside_an_edge(back=9.0, excess=0.25, confirmed=10)
     assert not beside_an_edge(back=9.0, excess=0.25, confirmed=9)
+
+
+def test_a_surface_goes_on_where_enough_confirmed_pixels_of_the_window_lie_near() -> None:
+    draw = np.random.default_rng(2)
+    disparity = np.round(scattered(3, 20, 30) / 6).astype(np.float32)
+    known = np.isfinite(disparity)
+    confirmed = known & (draw.random(disparity.shape) < 0.5)
+    asked = known & ~confirmed
+    kept = continues_surface(disparity, confirmed, asked)
+    for row, column in zip(*np.nonzero(asked), strict=True):
+        window = tuple(slice(max(0, at - SURFACE_RADIUS), at + SURFACE_RADIUS + 1) for at in (row, column))
+        near = confirmed[window] & (np.abs(disparity[window] - disparity[row, column]) <= SURFACE_PX)
+        enough = SURFACE_SHARE * (2 * SURFACE_RADIUS + 1) ** 2
+        assert kept[row, column] == (np.count_nonzero(near) >= enough)
+    assert 0 < np.count_nonzero(kept) < np.count_nonzero(asked)
+    assert not (kept & ~asked).any()
 
 
 def test_a_pixel_that_would_hide_what_the_right_image_shows_needs_four_times_the_excess() -> None:
@@ -126,6 +168,22 @@ def test_the_median_removes_an_outlier_and_leaves_validity_alone() -> None:
     np.testing.assert_array_equal(result.valid, ~np.isnan(grid))
     with pytest.raises(OperatorError, match="even"):
         median_filter(state_of(grid.tolist()), MedianFilterParams(size_px=4))
+
+
+@pytest.mark.parametrize("size_px", [3, 5])
+def test_the_median_leaves_holes_out(size_px: int) -> None:
+    grid = scattered(4)
+    result = median_filter(state_of(grid.tolist()), MedianFilterParams(size_px=size_px)).disparity
+    assert result is not None
+    padded = np.pad(grid, size_px // 2, mode="edge")
+    for (row, column), value in np.ndenumerate(grid):
+        window = padded[row : row + size_px, column : column + size_px]
+        known = np.sort(window[np.isfinite(window)])
+        holes, middle = window.size - known.size, window.size // 2
+        wanted = value
+        if np.isfinite(value) and known.size > middle:  # median with the holes below all, and above all
+            wanted = np.clip(value, known[middle - holes], known[middle])
+        np.testing.assert_array_equal(result.disparity_px[row, column], wanted)
 
 
 def test_checks_without_a_disparity_are_refused() -> None:
