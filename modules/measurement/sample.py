@@ -108,36 +108,29 @@ class Sample:
         return dominant_shift_px(*self.quarter) * 4
 
     @cached_property
-    def planes(self) -> dict[str, tuple[Gray, Gray]]:
-        """Every few rows as 8-bit planes by channel name, left and right; `gray` always, colours where there are any.
+    def rows(self) -> tuple[Gray, Gray]:
+        """Every few rows of the images on the 0-255 scale, left and right.
 
         Whole rows, because single pixels out of rows of colours take as long as all of them.
         """
-        step = max(1, round(self.shape[0] * self.shape[1] / HISTOGRAM_PX))
-        planes = {"gray": (self.gray8[0][::step], self.gray8[1][::step])}
-        if self.channels == 3:
-            left, right = (cv2.split(to_8_bit(x[::step])) for x in (self.views.left, self.views.right))
-            planes.update((name, (left[i], right[i])) for i, name in enumerate(("red", "green", "blue")))  # type: ignore[misc]
-        return planes
+        left, right = (to_8_bit(image[:: self._row_step]) for image in (self.views.left, self.views.right))
+        return left, right
 
     @cached_property
-    def common_planes(self) -> dict[str, tuple[Gray, Gray]]:
-        """The planes, cut to the columns that both images see."""
-        return {name: common_view(left, right, self.shift_px) for name, (left, right) in self.planes.items()}
+    def gray_rows(self) -> tuple[Gray, Gray]:
+        """The same rows of the luminance, left and right."""
+        return self.gray8[0][:: self._row_step], self.gray8[1][:: self._row_step]
 
     @cached_property
     def counts(self) -> dict[str, tuple[Floats, Floats]]:
-        """Histograms of the planes, float64 (256,), left and right."""
-        return {name: (count_levels(left), count_levels(right)) for name, (left, right) in self.planes.items()}
+        """Histograms of those rows by channel name, float64 (256,), left and right; `gray` and any colours."""
+        return self._count(self.gray_rows, self.rows)
 
     @cached_property
     def common_counts(self) -> dict[str, tuple[Floats, Floats]]:
-        """Histograms of what both images see of the planes: of the planes, less what one sees alone."""
-        alone = {name: seen_alone(left, right, self.shift_px) for name, (left, right) in self.planes.items()}
-        return {
-            name: (left - count_levels(alone[name][0]), right - count_levels(alone[name][1]))
-            for name, (left, right) in self.counts.items()
-        }
+        """The same of the columns that both images see: of all columns, less those that one sees alone."""
+        alone = self._count(seen_alone(*self.gray_rows, self.shift_px), seen_alone(*self.rows, self.shift_px))
+        return {name: (left - alone[name][0], right - alone[name][1]) for name, (left, right) in self.counts.items()}
 
     @cached_property
     def common_quarter(self) -> tuple[Gray, Gray]:
@@ -222,6 +215,20 @@ class Sample:
     def light(self) -> LightFit | None:
         """The light difference of corresponding blocks by tone and place."""
         return None if self.blocks is None else fit_light(self.blocks)
+
+    @property
+    def _row_step(self) -> int:
+        return max(1, round(self.shape[0] * self.shape[1] / HISTOGRAM_PX))
+
+    def _count(self, gray: tuple[Gray, Gray], rows: tuple[Gray, Gray]) -> dict[str, tuple[Floats, Floats]]:
+        """Return the histograms of the luminance and of the colours, if there are any, by channel name."""
+        counts = {"gray": (count_levels(gray[0]), count_levels(gray[1]))}
+        if self.channels == 3:
+            counts.update(
+                (name, (count_levels(rows[0], channel), count_levels(rows[1], channel)))
+                for channel, name in enumerate(("red", "green", "blue"))
+            )
+        return counts
 
     def _match_coarsely(self, right: Gray) -> CoarseMatch | None:
         if self.given_range is not None:

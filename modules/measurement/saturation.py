@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from modules.measurement.sample import Sample
 from modules.operator import Cost
+from modules.primitives.photometry import common_view
 from modules.probe import FactModel, Probe, quantity
 
 HIGH_DN = 254  # lossy compression blurs 255 by a level
@@ -37,15 +40,9 @@ def measure_saturation(sample: Sample) -> list[Saturation]:
 
     Scenes can be clipped in both images alike; only the difference tells that the images disagree.
     """
-    names = [name for name in sample.common_planes if name != "gray"] or ["gray"]
-    bright, dark = [], []
-    for side in (0, 1):
-        planes = [sample.common_planes[name][side] for name in names]
-        highest = planes[0]
-        for plane in planes[1:]:
-            highest = np.maximum(highest, plane)
-        bright.append(float(np.count_nonzero(highest >= HIGH_DN)) / highest.size)
-        dark.append(float(np.count_nonzero(highest <= LOW_DN)) / highest.size)
+    images = common_view(*sample.rows, sample.shift_px)
+    bright = [1 - _share_up_to(HIGH_DN - 1, image) for image in images]
+    dark = [_share_up_to(LOW_DN, image) for image in images]
     return [
         Saturation(
             left_fraction=bright[0],
@@ -56,6 +53,11 @@ def measure_saturation(sample: Sample) -> list[Saturation]:
             dark_difference_fraction=abs(dark[0] - dark[1]),
         )
     ]
+
+
+def _share_up_to(level_dn: int, image: NDArray[np.uint8]) -> float:
+    """Return the fraction of pixels with no channel above a level."""
+    return cv2.countNonZero(cv2.inRange(image, (0.0,) * 4, (float(level_dn),) * 4)) / (image.shape[0] * image.shape[1])
 
 
 PROBE = Probe(

@@ -42,12 +42,20 @@ def robust_sigma(values: NDArray[Any]) -> float:
     return MAD_TO_SIGMA * median(np.abs(values - median(values)))
 
 
-def count_levels(values: NDArray[Any]) -> Floats:
-    """Return the histogram of an unsigned image: float64 (256,) or (65536,), counts."""
+def count_levels(values: NDArray[Any], channel: int = 0) -> Floats:
+    """Return the histogram of unsigned values (N,) or (H, W), or of a channel of (H, W, 3).
+
+    Returns
+    -------
+    float64 (256,) or (65536,)
+        Counts by level.
+    """
     if values.dtype == np.uint8:
-        counts = cv2.calcHist([np.ascontiguousarray(values).reshape(-1, 1)], [0], None, [256], [0, 256])
+        image = values if values.ndim > 1 else values[None]  # a column would take twice the time of a row
+        counts = cv2.calcHist([image], [channel], None, [256], [0, 256])
         return np.asarray(counts, dtype=np.float64).ravel()  # float32 counts are exact up to 16 megapixels
-    return np.bincount(values.ravel(), minlength=int(np.iinfo(values.dtype).max) + 1).astype(np.float64)
+    plane = values[..., channel] if values.ndim == 3 else values
+    return np.bincount(plane.ravel(), minlength=int(np.iinfo(values.dtype).max) + 1).astype(np.float64)
 
 
 def mid_bin_cdf(counts: Floats) -> Floats:
