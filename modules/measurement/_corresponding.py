@@ -88,8 +88,8 @@ def corresponding_blocks(match: CoarseMatch, colours: tuple[NDArray[Any], NDArra
     height, width = match.left.shape
     shown = match.visible()
     valid = np.isfinite(shown)
-    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
-    columns = u - np.where(valid, shown, np.float32(0))
+    v = np.broadcast_to(np.arange(height, dtype=np.float32)[:, None], (height, width)).copy()
+    columns = np.arange(width, dtype=np.float32) - np.where(valid, shown, np.float32(0))
     images: list[NDArray[Any]] = [match.left, cv2.remap(match.right, columns, v, cv2.INTER_LINEAR)]
     if colours is not None:
         images += [colours[0], cv2.remap(colours[1], columns, v, cv2.INTER_LINEAR)]
