@@ -89,5 +89,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Splits the light difference of corresponding points into vignetting, gradient and patches.",
-    cost=Cost(fixed_ms=4, ns_per_pixel=2.5),
+    cost=Cost(fixed_ms=3, ns_per_pixel=2),
 )

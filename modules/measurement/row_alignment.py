@@ -97,5 +97,5 @@ PROBE = Probe(
     "medium",
     "pair",
     "Fits a row offset, a roll and a row scale to sparse matches.",
-    cost=Cost(fixed_ms=10, ns_per_pixel=15),
+    cost=Cost(fixed_ms=7, ns_per_pixel=10),
 )
