@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 
+import cv2
 import numpy as np
 
 from modules.matching.common import Bytes, do_all
@@ -24,6 +25,7 @@ from modules.types import FloatImage
 
 COST_ROWS = 32  # rows whose cost is computed at a time
 FINAL_ROWS = 4  # rows that are decided at a time, while they are in the cache
+LARGEST_SHIFT_PX = 2  # of a window
 STATES = 6  # rows of path costs in one state: three paths, the row before and this one
 
 
@@ -41,11 +43,13 @@ class Problem:
     bit_shift, value_limit, radius : int
     levels : float
     most : int
-    gray : uint8 (H, W)
-    p1 : int
-    p2_of_step : uint8 (256,)
+    guide : uint8 (C, H, W)
+        Planes of the left image whose largest step along a path selects the penalties.
+    p1_of_step, p2_of_step : uint8 (256,)
     diagonals : bool
     curve : int
+    shift : int
+        How far a window may be shifted to where it costs least, px.
     right_begin : int
     right_columns : int or None
         First column of the right image that is decided, and their number; None for as many as the left one has.
@@ -61,18 +65,44 @@ class Problem:
     radius: int
     levels: float
     most: int
-    gray: Bytes
-    p1: int
+    guide: Bytes
+    p1_of_step: Bytes
     p2_of_step: Bytes
     diagonals: bool
     curve: int
+    shift: int = 0
     right_begin: int = 0
     right_columns: int | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.left.shape[0], self.left.shape[1]
 
     @property
     def count(self) -> int:
         """Disparities held, in whole vectors."""
         return in_vectors(self.searched)
+
+
+def steps_along(guide: Bytes, backward: bool) -> Bytes:
+    """Return the largest step of the planes of a guide (C, H, W) from the pixel before along the paths of a sweep.
+
+    Returns
+    -------
+    uint8 (4, H, W)
+        In the row, from the corner behind, from the row before, from the corner ahead; 0 beyond the border.
+    """
+    sign = -1 if backward else 1
+    before = [(0, -sign), (-sign, -sign), (-sign, 0), (-sign, sign)]  # rows and columns to where a path comes from
+    rows, columns = guide.shape[1:]
+    found = np.zeros((4, rows, columns), np.uint8)
+    for plane in guide:
+        wide = cv2.copyMakeBorder(plane, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+        for step, (dy, dx) in zip(found, before, strict=True):
+            there = wide[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + columns]
+            np.maximum(step, cv2.absdiff(plane, there), out=step)
+    return found
 
 
 @dataclass(frozen=True)
@@ -149,7 +179,8 @@ def _bytes_needed(half: int, columns: int, count: int, storage: Storage) -> int:
     saved = 3 * storage.strips if storage.strips > 1 else 0
     replay = STATES if storage.strips > 1 else 0
     cost = half if storage.costs else COST_ROWS
-    rows = math.ceil(half / storage.strips) + saved + STATES + replay + cost + 2 * FINAL_ROWS
+    shifted = COST_ROWS + 2 * LARGEST_SHIFT_PX
+    rows = math.ceil(half / storage.strips) + saved + STATES + replay + cost + shifted + 2 * FINAL_ROWS
     return 2 * rows * (columns + 2) * (count + 2)
 
 
@@ -158,7 +189,7 @@ class _Worker:
 
     def __init__(self, problem: Problem, backward: bool, storage: Storage, out: Selection) -> None:
         self.problem, self.backward, self.storage, self.out = problem, backward, storage, out
-        rows, columns = problem.gray.shape
+        rows, columns = problem.shape
         middle = rows // 2
         low, high = (middle, rows) if backward else (0, middle)
         edges = [low + (high - low) * k // storage.strips for k in range(storage.strips + 1)]
@@ -171,9 +202,10 @@ class _Worker:
         self.state = self._fresh()
         self.cost = np.empty((max(tallest, 1) if storage.costs else COST_ROWS, size), np.uint8)
         self.total = np.empty((FINAL_ROWS, size), np.uint16)
+        self.steps = steps_along(problem.guide, backward)
 
     def _fresh(self) -> State:
-        columns, cell = self.problem.gray.shape[1], self.problem.count + 2
+        columns, cell = self.problem.shape[1], self.problem.count + 2
         paths = np.zeros((2, columns + 2, 3, cell), np.uint8)
         paths[..., 0] = paths[..., -1] = 255
         return State(paths.reshape(2, -1), np.zeros((2, columns + 2, 3), np.uint8), np.full(2 * cell, 255, np.uint8))
@@ -205,7 +237,7 @@ class _Worker:
 
     def _index(self, top: int, bottom: int) -> tuple[int, int]:
         """Return rows of the image as rows counted from where the sweep starts."""
-        rows = self.problem.gray.shape[0]
+        rows = self.problem.shape[0]
         return (rows - bottom, rows - top) if self.backward else (top, bottom)
 
     def sweep(self, state: State, top: int, bottom: int, mode: int, kept: Bytes, cost: Bytes) -> None:
@@ -222,11 +254,11 @@ class _Worker:
                 sweeps.sweep_rows(
                     cost,
                     cost_top,
-                    p.gray,
+                    self.steps,
                     *self._index(begin, end),
                     self.backward,
                     p.diagonals,
-                    p.p1,
+                    p.p1_of_step,
                     p.p2_of_step,
                     state.paths,
                     state.least,
@@ -248,6 +280,8 @@ class _Worker:
         from modules.matching.kernels import cost as kernels
 
         p = self.problem
+        top, bottom = max(first - p.shift, 0), min(last + p.shift, p.shape[0])
+        windows = np.empty((bottom - top, cost.shape[1]), np.uint8) if p.shift else cost[: last - first]
         kernels.cost_rows(
             p.left,
             p.right,
@@ -258,10 +292,12 @@ class _Worker:
             p.radius,
             p.levels,
             p.most,
-            first,
-            last,
-            cost[: last - first],
+            top,
+            bottom,
+            windows,
         )
+        if p.shift:
+            kernels.shift_windows(windows, first - top, last - top, p.shift, p.shape[1], cost[: last - first])
 
     def _decide(self, begin: int, end: int) -> None:
         from modules.matching.kernels import selection
@@ -292,7 +328,7 @@ def aggregate(problem: Problem, storage: Storage, pool: ThreadPoolExecutor | Non
     pool : ThreadPoolExecutor or None
         Where the sweeps run, at least two threads; None for the calling thread.
     """
-    rows, columns = problem.gray.shape
+    rows, columns = problem.shape
     reached = columns if problem.right_columns is None else problem.right_columns
     out = Selection(*(np.empty((rows, width), np.float32) for width in (columns, columns, reached, reached)))
     down, up = (_Worker(problem, backward, storage, out) for backward in (False, True))

@@ -106,7 +106,7 @@ def match_tiles(
     Selection
         A right pixel that several tiles reach takes the disparity of least cost.
     """
-    shape = problem.gray.shape
+    shape = problem.shape
     disparity, ratio, right_px = (np.full(shape, np.nan, np.float32) for _ in range(3))
     out = Selection(disparity, ratio, right_px, np.full(shape, np.inf, np.float32))
 
@@ -133,7 +133,7 @@ def part_of(problem: Problem, tile: Tile) -> Problem:
         part,
         left=np.ascontiguousarray(problem.left[rows, columns]),
         right=np.ascontiguousarray(np.pad(right, ((0, 0), (0, 0), (0, missing)), mode="edge") if missing else right),
-        gray=np.ascontiguousarray(problem.gray[rows, columns]),
+        guide=np.ascontiguousarray(problem.guide[:, rows, columns]),
         right_begin=1 - part.searched,
         right_columns=width + part.searched - 1,
     )

@@ -188,3 +188,40 @@ def cost_rows(
                 _slide(
                     running, column, (k + side) * count, k * count, shift, factor, most, out[row], at, count, searched
                 )
+
+
+@kernel
+def shift_windows(
+    cost: NDArray[np.uint8], begin: int, end: int, radius: int, columns: int, out: NDArray[np.uint8]
+) -> None:
+    """Take the least cost of the windows around each pixel, so that a window may lie on one side of an edge.
+
+    Parameters
+    ----------
+    cost : uint8 (h, W * D)
+        D in whole vectors.
+    begin, end : int
+        Rows of `cost` that are wanted; rows and columns beyond it are not asked.
+    radius : int
+        How far a window is shifted at most, px.
+    columns : int
+        W.
+    out : uint8 (end - begin, W * D)
+    """
+    size = cost.shape[1]
+    count = size // columns
+    lines = np.empty(size, np.uint8)
+    for row in range(begin, end):
+        top, bottom = max(row - radius, 0), min(row + radius, cost.shape[0] - 1)
+        for at in range(0, size, LANES):
+            best = load(cost[top], at)
+            for y in range(top + 1, bottom + 1):
+                best = smaller(best, load(cost[y], at))
+            store(lines, at, best)
+        for x in range(columns):
+            first, last = max(x - radius, 0), min(x + radius, columns - 1)
+            for d in range(0, count, LANES):
+                best = load(lines, first * count + d)
+                for k in range(first + 1, last + 1):
+                    best = smaller(best, load(lines, k * count + d))
+                store(out[row - begin], x * count + d, best)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,8 +23,9 @@ from modules.types import DisparityRange, Matching, Views
 Bytes = NDArray[np.uint8]
 
 
-def plain_arrival(cost: NDArray[np.int64], gray: Bytes, p1: int, p2: Bytes, dy: int, dx: int) -> NDArray[np.int64]:
+def plain_arrival(cost: NDArray[np.int64], problem: Problem, dy: int, dx: int) -> NDArray[np.int64]:
     """Return the least cost of arriving along one direction, above the least before, written as in the paper."""
+    guide = problem.guide.astype(int)
     rows, columns, count = cost.shape
     arrival, path = np.zeros_like(cost), np.zeros_like(cost)
     for y in range(rows) if dy >= 0 else range(rows - 1, -1, -1):
@@ -31,9 +33,10 @@ def plain_arrival(cost: NDArray[np.int64], gray: Bytes, p1: int, p2: Bytes, dy: 
             py, px = y - dy, x - dx
             if 0 <= py < rows and 0 <= px < columns:
                 old = path[py, px]
-                jump = old.min() + int(p2[abs(int(gray[y, x]) - int(gray[py, px]))])
+                step = np.abs(guide[:, y, x] - guide[:, py, px]).max()
+                jump = old.min() + int(problem.p2_of_step[step])
                 for d in range(count):
-                    near = [old[k] + p1 for k in (d - 1, d + 1) if 0 <= k < count]
+                    near = [old[k] + int(problem.p1_of_step[step]) for k in (d - 1, d + 1) if 0 <= k < count]
                     arrival[y, x, d] = min([old[d], jump, *near]) - old.min()
             path[y, x] = arrival[y, x] + cost[y, x]
     return arrival
@@ -48,8 +51,7 @@ def plain_total(cost: NDArray[np.int64], problem: Problem) -> NDArray[np.int64]:
     total = 2 * cost
     for sign in (1, -1):
         along, left, top, right = (
-            plain_arrival(cost, problem.gray, problem.p1, problem.p2_of_step, sign * dy, sign * dx)
-            for dy, dx in ((0, 1), (1, 1), (1, 0), (1, -1))
+            plain_arrival(cost, problem, sign * dy, sign * dx) for dy, dx in ((0, 1), (1, 1), (1, 0), (1, -1))
         )
         both = mean(along, top)
         total = total + (mean(both, mean(left, right)) if problem.diagonals else both)
@@ -58,7 +60,7 @@ def plain_total(cost: NDArray[np.int64], problem: Problem) -> NDArray[np.int64]:
 
 def plain_cost(problem: Problem) -> NDArray[np.int64]:
     """Return the cost of every pixel and disparity (H, W, D), from the compared bits and values."""
-    rows, columns = problem.gray.shape
+    rows, columns = problem.shape
     raw = np.zeros((rows, columns, problem.searched))
     for x in range(columns):
         for d in range(problem.searched):
@@ -79,16 +81,18 @@ def small_problem(
     rng = np.random.default_rng(seed)
     left, right = rng.integers(0, 256, (2, rows, columns)).astype(np.uint8)
     found = compute_features(left, right, low, searched, "hybrid", "5x5")
+    guide = np.stack([left, rng.integers(0, 256, (rows, columns)).astype(np.uint8)])
+    p1 = (24 / (1 + 0.02 * np.arange(256))).astype(np.uint8)
     p2 = np.maximum(150 / (1 + 0.05 * np.arange(256)), 20).astype(np.uint8)
     return Problem(
-        found.left, found.right, found.before, low, searched, 1, 31, radius, 1.1, 90, left, 20, p2, diagonals, 1
+        found.left, found.right, found.before, low, searched, 1, 31, radius, 1.1, 90, guide, p1, p2, diagonals, 1
     )
 
 
 def stored_cost(problem: Problem, start: int, stop: int) -> NDArray[np.uint8]:
     """Return the cost of some rows as it is stored (h, W, D), with what pads it to whole vectors."""
     p = problem
-    columns = p.gray.shape[1]
+    columns = p.shape[1]
     out = np.zeros((stop - start, columns * p.count), np.uint8)
     kernels.cost_rows(
         p.left, p.right, p.before, p.searched, p.bit_shift, p.value_limit, p.radius, p.levels, p.most, start, stop, out
@@ -97,9 +101,23 @@ def stored_cost(problem: Problem, start: int, stop: int) -> NDArray[np.uint8]:
 
 
 def volume(problem: Problem) -> NDArray[np.int64]:
-    found = stored_cost(problem, 0, problem.gray.shape[0])
+    found = stored_cost(problem, 0, problem.shape[0])
     assert (found[:, :, problem.searched :] == kernels.PADDING).all()
     return found[:, :, : problem.searched].astype(np.int64)
+
+
+@pytest.mark.parametrize("shift", [1, 2])
+def test_a_shifted_window_is_the_best_of_those_around(shift: int) -> None:
+    problem = small_problem(9, 11, 17, 40)
+    rows, columns = problem.shape
+    windows = stored_cost(problem, 0, rows).reshape(rows, -1)
+    expected = np.full((rows, columns, problem.count), 255, np.uint8)
+    for y, x in np.ndindex(rows, columns):
+        around = np.s_[max(y - shift, 0) : y + shift + 1, max(x - shift, 0) : x + shift + 1]
+        expected[y, x] = windows.reshape(rows, columns, -1)[around].min(axis=(0, 1))
+    out = np.zeros((6, windows.shape[1]), np.uint8)
+    kernels.shift_windows(windows, 3, 9, shift, columns, out)
+    np.testing.assert_array_equal(out.reshape(6, columns, -1), expected[3:9])
 
 
 def same(one: Selection, other: Selection) -> bool:
@@ -164,8 +182,9 @@ def test_a_part_of_the_rows_costs_the_same_as_all_of_them() -> None:
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 37, 90])
-def test_storage_and_threads_change_nothing(rows: int) -> None:
-    problem = small_problem(8, rows, 50, 40)
+@pytest.mark.parametrize("shift", [0, 1])
+def test_storage_and_threads_change_nothing(rows: int, shift: int) -> None:
+    problem = replace(small_problem(8, rows, 50, 40), shift=shift)
     whole = aggregate(problem, Storage(), None)
     with ThreadPoolExecutor(2) as pool:
         assert same(aggregate(problem, Storage(), pool), whole)
@@ -184,9 +203,9 @@ def test_the_product_depends_neither_on_threads_nor_on_memory() -> None:
     search = DisparityRange(-20, 80)
     whole = match_gray(views.left, views.right, search, SemiGlobalMatchParams())
     assert plan_storage((240, 300), 100, 400, "matching") == Storage(costs=True)
-    assert plan_storage((240, 300), 100, 14, "matching") == Storage()
-    assert plan_storage((240, 300), 100, 8, "matching").strips > 1
-    for threads, memory_mb in ((1, 400), (1, 14), (2, 14), (1, 8), (2, 8)):
+    assert plan_storage((240, 300), 100, 16, "matching") == Storage()
+    assert plan_storage((240, 300), 100, 11, "matching").strips > 1
+    for threads, memory_mb in ((1, 400), (1, 16), (2, 16), (1, 11), (2, 11)):
         params = SemiGlobalMatchParams(threads=threads, max_memory_mb=memory_mb)
         assert same(match_gray(views.left, views.right, search, params), whole)
 
@@ -274,7 +293,7 @@ def test_the_second_best_cost_exceeds_the_best_and_right_and_left_agree() -> Non
 
 def test_too_little_memory_is_refused_before_any_is_taken() -> None:
     words = (
-        "matching.semi_global_match: 40000x30000 px and 128 disparities need at least 4962 MB, but max_memory_mb is "
+        "matching.semi_global_match: 40000x30000 px and 128 disparities need at least 5336 MB, but max_memory_mb is "
         "500; raise it, narrow the range or reduce the images"
     )
     with pytest.raises(OperatorError) as caught:
