@@ -209,7 +209,9 @@ def test_every_kind_of_image_gives_the_same_disparity(system: ExpertSystem, kind
     result = system.reconstruct(StereoPair(left, right))
     found = np.isfinite(result.disparity_px)
     assert found[:, SHIFT_PX:].mean() > 0.95
-    assert np.abs(result.disparity_px[found] - SHIFT_PX).max() < 0.25
+    error = np.abs(result.disparity_px[found] - SHIFT_PX)
+    assert error.max() < 0.5
+    assert np.percentile(error, 99) < 0.1  # without a calibration nothing finer is asked for
     result.save(tmp_path / "out")
     assert (tmp_path / "out" / "disparity.pfm").is_file()
 
