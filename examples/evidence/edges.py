@@ -24,8 +24,8 @@ CONFIGURATIONS = {
     "windows in place": {"shift_px": 0},
     "penalties fall slowly": {"p1_decay_per_dn": 0.05, "p2_decay_per_dn": 0.05},
     "defaults": {},
-    "penalties fall fast (MAT017)": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.2},
-    "faster still": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.4},
+    "penalties fall faster": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.2, "p2": 120.0},
+    "as MAT017 in a quiet image": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.4, "p2": 120.0},
 }
 
 

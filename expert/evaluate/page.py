@@ -62,7 +62,7 @@ def plot(lines: Sequence[SystemLine]) -> Plot:
     front = pareto_front(lines)
     times = [max(line.cpu_s, 1e-4) for line in lines]
     low, high = math.log10(min(times)) - 0.1, math.log10(max(times)) + 0.1
-    top = max(line.bad_1 for line in lines) * 1.05
+    top = max(line.bad_1 for line in lines) * 1.05 or 1.0  # all may be right
 
     def x(seconds: float) -> float:
         return round(MARGIN + (math.log10(max(seconds, 1e-4)) - low) / (high - low) * (WIDTH - 2 * MARGIN), 1)
