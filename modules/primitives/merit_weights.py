@@ -5,11 +5,11 @@ Fitted to 3480 runs of 21 groups of scenes.
 
 from __future__ import annotations
 
-CONSTANT = 0.5399
+CONSTANT = -0.9459
 WEIGHTS = {
-    "expected": 0.49025,
-    "density": 0.41060,
-    "agreement": -0.48835,
-    "roughness": 0.00189,
-    "edges": 0.01243,
+    "expected": 0.36561,
+    "density": 0.55882,
+    "agreement": 1.09489,
+    "roughness": 0.00052,
+    "edges": 0.01063,
 }
