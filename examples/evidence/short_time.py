@@ -24,7 +24,7 @@ KINDS = ("clean", "dark", "local", "noise")
 REPEATS = 3  # the least of so many times counts
 Step = tuple[str, dict]
 OWN, CHECKS = "matching.semi_global_match", [("matching.check_left_right", {}), ("matching.remove_speckles", {})]
-CONFIDENCE = ("matching.estimate_confidence", {"least": 0.15})
+CONFIDENCE = ("matching.estimate_confidence", {"least": 0.2})
 HISTOGRAM = ("correction.match_histograms", {"slope_limit": 1.5})
 WAYS: dict[str, list[Step]] = {
     "own matcher": [(OWN, {}), *CHECKS],
