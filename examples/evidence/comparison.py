@@ -34,7 +34,7 @@ Steps = Sequence[Step]
 
 MATCHERS: Mapping[str, Step] = {
     "sgbm": ("matching.semi_global_block_match", {"mode": "3way", "block_px": 5}),
-    "own": ("matching.semi_global_match", {"p1": 12.0, "p2": 70.0}),
+    "own": ("matching.semi_global_match", {}),
     "block": ("matching.block_match", {}),
 }
 CHECKS: Steps = (("matching.check_left_right", {}), ("matching.remove_speckles", {}))

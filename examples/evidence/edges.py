@@ -1,6 +1,6 @@
 """Print what windows that shift and penalties that follow the edges of the left image change, by its noise.
 
-The evidence behind MAT017 and the defaults of `matching.semi_global_match`: bad-1 (missing counted as wrong) and wrong
+The evidence behind MAT018 and the defaults of `matching.semi_global_match`: bad-1 (missing counted as wrong) and wrong
 among valid in % over every N-th development pair, left-right check and speckle removal as in the shipped plan.
 
     TERREX_DATA=FOLDER python examples/evidence/edges.py [--every 4]
@@ -17,7 +17,7 @@ from modules.simulation.sensor import SensorParams, apply_sensor
 from modules.types import DisparityRange, Matching, Views
 
 NOISE_DN = {"quiet": (0.0, 0.0), "left 4": (4.0, 0.0), "left 9": (9.0, 0.0), "both 4": (4.0, 4.0), "both 9": (9.0, 9.0)}
-FROM_DN = 8.0  # noise from which the window is wider, as MAT013 has it
+FROM_DN = 4.5  # noise from which the window is wider, `noise_dn` of MAT013
 STEPS = ("matching.semi_global_match", "matching.check_left_right", "matching.remove_speckles")
 CONFIGURATIONS = {
     "windows in place, P1 everywhere": {"shift_px": 0, "p1_decay_per_dn": 0.0},
@@ -25,7 +25,7 @@ CONFIGURATIONS = {
     "penalties fall slowly": {"p1_decay_per_dn": 0.05, "p2_decay_per_dn": 0.05},
     "defaults": {},
     "penalties fall faster": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.2, "p2": 120.0},
-    "as MAT017 in a quiet image": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.4, "p2": 120.0},
+    "as MAT018 in a quiet image": {"p1_decay_per_dn": 0.1, "p2_decay_per_dn": 0.4, "p2": 120.0},
 }
 
 

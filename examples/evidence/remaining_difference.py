@@ -36,7 +36,7 @@ CONFIGURATIONS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         "derivatives": {"cost": "sobel"},
         "window 7": {"window_px": 7},
         "smooth 1.0": {"smooth_px": 1.0},
-        "P2 whatever the gray": {"p2_decay_per_dn": 0.0, "p2": 40.0},
+        "P2 whatever the gray": {"p1_decay_per_dn": 0.0, "p2_decay_per_dn": 0.0, "p2": 40.0},
         "no intensities in subpx": {"subpixel": "equiangular"},
     },
     "sgbm": {

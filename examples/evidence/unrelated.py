@@ -1,7 +1,7 @@
 """Print how many points agree, and what is matched, where two images show one scene and where they do not.
 
-The evidence behind MAT041 and MAT042: the left image of every N-th development pair with its right image, with that
-image under heavy noise, and with the right image of another scene; points that agree with one row model, and pixels
+The evidence behind MEA008 and MAT041 to MAT043: the left image of every N-th development pair with its right image,
+both exchanged, the right one under heavy noise, and that of another scene; points that agree with one row model, and pixels
 that get a disparity, by profile.
 
     TERREX_DATA=FOLDER python examples/evidence/unrelated.py [--every 4]
@@ -47,6 +47,7 @@ def main() -> None:
         noisy = distort_right(pair.views, "noise", number, NOISE_STRENGTH).right
         other = cut(pair.views.left, of_another_scene(pairs, number).views.right)
         tell("its own", (pair.views.left, pair.views.right), pair, systems)
+        tell("exchanged", (pair.views.right, pair.views.left), pair, systems)
         tell("noisy", (pair.views.left, noisy), pair, systems)
         if other is not None:
             tell("another", other, pair, systems)

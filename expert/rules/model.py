@@ -15,11 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
 
 from expert.facts import Severity
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Stage = Literal["measurement", "correction", "matching", "reconstruction"]
 STAGES: tuple[Stage, ...] = ("measurement", "correction", "matching", "reconstruction")
@@ -303,6 +306,12 @@ class RuleBase(Model):
     def by_id(self) -> Mapping[str, Rule]:
         """The rules by their ids."""
         return {rule.id: rule for rule in self.rules}
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy, changed as asked, that knows its own rules by id."""
+        copy = super().model_copy(update=update, deep=deep)
+        copy.__dict__.pop("by_id", None)
+        return copy
 
     def of_stage(self, stage: Stage) -> tuple[Rule, ...]:
         """Return the rules of one stage, by id."""

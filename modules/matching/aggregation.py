@@ -91,7 +91,8 @@ def steps_along(guide: Bytes, backward: bool) -> Bytes:
     Returns
     -------
     uint8 (4, H, W)
-        In the row, from the corner behind, from the row before, from the corner ahead; 0 beyond the border.
+        In the row, from the corner behind, from the row before, from the corner ahead; beyond the border as from the
+        nearest pixel, where no path comes from.
     """
     sign = -1 if backward else 1
     before = [(0, -sign), (-sign, -sign), (-sign, 0), (-sign, sign)]  # rows and columns to where a path comes from
@@ -152,7 +153,7 @@ class Storage:
     costs: bool = False
 
 
-def plan_storage(shape: tuple[int, ...], count: int, max_memory_mb: int, name: str) -> Storage:
+def plan_storage(shape: tuple[int, ...], count: int, max_memory_mb: int, name: str, shift_px: int = 0) -> Storage:
     """Return the fastest storage for an image (H, W) that fits.
 
     Raises
@@ -164,7 +165,7 @@ def plan_storage(shape: tuple[int, ...], count: int, max_memory_mb: int, name: s
     half = math.ceil(rows / 2)
     held = in_vectors(count)
     ways = [Storage(costs=True), *(Storage(strips) for strips in range(1, half + 1))]
-    sizes = [_bytes_needed(half, columns, held, way) for way in ways]
+    sizes = [_bytes_needed(half, columns, held, way, shift_px) for way in ways]
     for size, way in zip(sizes, ways, strict=True):
         if size <= max_memory_mb * 1e6:
             return way
@@ -174,12 +175,12 @@ def plan_storage(shape: tuple[int, ...], count: int, max_memory_mb: int, name: s
     )
 
 
-def _bytes_needed(half: int, columns: int, count: int, storage: Storage) -> int:
+def _bytes_needed(half: int, columns: int, count: int, storage: Storage, shift_px: int) -> int:
     """Return the memory of both threads."""
     saved = 3 * storage.strips if storage.strips > 1 else 0
     replay = STATES if storage.strips > 1 else 0
     cost = half if storage.costs else COST_ROWS
-    shifted = COST_ROWS + 2 * LARGEST_SHIFT_PX
+    shifted = COST_ROWS + 2 * shift_px if shift_px else 0
     rows = math.ceil(half / storage.strips) + saved + STATES + replay + cost + shifted + 2 * FINAL_ROWS
     return 2 * rows * (columns + 2) * (count + 2)
 

@@ -18,6 +18,7 @@ from modules.matching.common import Bytes, assemble, checked_range, to_bytes
 from modules.matching.features import FINENESS, CensusName, CostName, compute_features, smooth_levels, window_of
 from modules.matching.refine_subpixel import Window, refine_by_intensity
 from modules.operator import Cost, Operator, OperatorError, OperatorParams
+from modules.primitives.photometry import to_8_bit
 from modules.primitives.threads import allowed_threads
 from modules.types import DisparityRange, Image, Invalid, Matching, Views
 
@@ -56,7 +57,10 @@ class SemiGlobalMatchParams(OperatorParams):
     )
     p1: float = Field(14.0, ge=0.0, le=40.0, description="P1, penalty of a step of 1 px on even ground, bits of census")
     p1_decay_per_dn: float = Field(
-        0.05, ge=0.0, le=1.0, description="P1 is divided by 1 + this x step of the left image along the path, 1/DN"
+        0.05,
+        ge=0.0,
+        le=1.0,
+        description="P1 is divided by 1 + this x step of the left image along the path, 1/DN on 0-255 of full scale",
     )
     p2: float = Field(90.0, ge=0.0, le=160.0, description="P2, penalty of a larger step on even ground, bits of census")
     p2_decay_per_dn: float = Field(0.1, ge=0.0, le=1.0, description="P2 is divided by 1 + this x that step, 1/DN")
@@ -189,14 +193,14 @@ def _match_levels(
     """Match at once, or coarsely first."""
 
     def match(one: Bytes, other: Bytes, wanted: DisparityRange, guide: Bytes | None = None) -> Selection:
-        storage = plan_storage(one.shape, wanted.count, params.max_memory_mb, NAME)
+        storage = plan_storage(one.shape, wanted.count, params.max_memory_mb, NAME, params.shift_px)
         return aggregate(state_problem(one, other, wanted, params, pool, guide), storage, pool)
 
     if not params.coarse_to_fine:
         return match(left, right, search, guide)
     tiles = plan_tiles(confirmed_coarse(left, right, search, match), left.shape, search)
     each_mb = params.max_memory_mb // params.threads  # a thread matches one tile at a time
-    storages = [plan_storage(tile.shape, tile.search.count, each_mb, NAME) for tile in tiles]
+    storages = [plan_storage(tile.shape, tile.search.count, each_mb, NAME, params.shift_px) for tile in tiles]
     return match_tiles(state_problem(left, right, search, params, pool, guide), tiles, storages, pool)
 
 
@@ -254,7 +258,7 @@ def semi_global_match(state: Matching, params: SemiGlobalMatchParams) -> Matchin
         raise OperatorError(f"{NAME}: p2 {params.p2:g} is smaller than p1 {params.p1:g}; use a larger p2")
     search = checked_range(state, max(params.window_px, window_of(params.cost, params.census)), NAME)
     left, right = to_bytes(_mixed(state.views, params.gray), colour=False)
-    found = match_gray(left, right, search, params, to_bytes(state.views, colour=True)[0])
+    found = match_gray(left, right, search, params, to_8_bit(state.views.left))
     flat = np.isnan(found.ratio)
     reasons = np.where(flat, np.uint16(Invalid.FLAT_MINIMUM), np.uint16(0)).astype(np.uint16)
     excess = np.maximum(found.ratio - np.float32(1.0), np.float32(0.0))

@@ -10,7 +10,7 @@ from modules.measurement.sample import Sample
 from modules.operator import Cost
 from modules.primitives.rows import RowModel, centre
 from modules.probe import FactModel, Probe, quantity
-from modules.types import Correspondences
+from modules.types import Correspondences, DisparityRange
 
 GRID = 4  # the coverage counts cells of a 4 x 4 grid
 CELL_MATCHES = 3
@@ -47,6 +47,13 @@ class RowAlignment(FactModel):
     max_abs_px: float | None = quantity(
         "Largest misalignment over the image", unit="px", ge=0, resolution=0.01, default=None
     )
+    inside_fraction: float | None = quantity(
+        "Agreeing matches whose disparity lies in the given range; absent where none was given",
+        ge=0,
+        le=1,
+        resolution=0.01,
+        default=None,
+    )
 
 
 def coverage(points: Correspondences, shape: tuple[int, int]) -> float:
@@ -79,8 +86,17 @@ def measure_row_alignment(sample: Sample) -> list[RowAlignment]:
             residual_px=features.fit.residual_px,
             rms_px=whole.rms_px(sample.full_shape),
             max_abs_px=whole.max_abs_px(sample.full_shape),
+            inside_fraction=_inside(agreeing, sample.given_range),
         )
     ]
+
+
+def _inside(points: Correspondences, given: DisparityRange | None) -> float | None:
+    """Return the share of points whose disparity is searched, to within a pixel."""
+    if given is None or not len(points):
+        return None
+    disparity_px = points.left_xy[:, 0] - points.right_xy[:, 0]
+    return float(np.mean((disparity_px >= given.min_px - 1.0) & (disparity_px <= given.max_px)))
 
 
 def _at_full_centre(model: RowModel, sample: Sample) -> float:

@@ -225,6 +225,7 @@ def faulty_decisions(system: ExpertSystem) -> Iterator[Decision]:
     stripes[:, [40, 90, 200]] //= 2
     smeared = cv2.blur(right, (9, 1))
     blocks = cv2.imdecode(cv2.imencode(".jpg", right, [cv2.IMWRITE_JPEG_QUALITY, 12])[1], cv2.IMREAD_GRAYSCALE)
+    yield system.decide(StereoPair(left, right, disparity_range_px=(40, 72)))
     for damaged in (stuck, stripes, smeared, blocks):
         yield system.decide(StereoPair(left, np.asarray(damaged, np.uint8)))
     for light in np.broadcast_to(np.linspace(20, 220, WIDTH), (HEIGHT, WIDTH)), weak_scene():

@@ -75,3 +75,9 @@ def test_only_ordered_comparisons_have_a_boundary(words):
     assert not judge.at_boundary(base.rules[0])
     judge = Judge(base, words, [Fact.of("side", side="left", mean_dn=100.0)])
     assert judge.at_boundary(base.rules[0])
+
+
+def test_a_changed_copy_of_a_rule_base_knows_its_own_rules() -> None:
+    base = RuleBase(rules=[rule_of([LEFT, RIGHT, BRIGHTER])])
+    assert len(base.by_id) == 1
+    assert base.model_copy(update={"rules": []}).by_id == {}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from modules.matching.aggregation import Storage, aggregate
-from modules.matching.coarse_to_fine import TILE_PX, Tile, match_tiles, plan_tiles
+from modules.matching.coarse_to_fine import TILE_PX, Tile, match_tiles, part_of, plan_tiles
 from modules.matching.semi_global_match import SemiGlobalMatchParams, match_gray, semi_global_match, state_problem
 from modules.types import DisparityRange, Matching, Views
 
@@ -90,6 +90,15 @@ def test_a_slanted_ground_is_found_as_by_matching_at_once_whatever_the_threads()
     double = match_gray(views.left, views.right, search, SemiGlobalMatchParams(coarse_to_fine=True, threads=2))
     np.testing.assert_array_equal(single.disparity, double.disparity)
     np.testing.assert_array_equal(single.right_px, double.right_px)
+
+
+def test_a_tile_is_guided_by_its_own_part_of_the_image() -> None:
+    left, right = pair(rows=300, columns=600)
+    guide = np.random.default_rng(4).integers(0, 256, (300, 600, 3)).astype(np.uint8)
+    problem = state_problem(left, right, DisparityRange(-8, 24), SemiGlobalMatchParams(smooth_px=0.0), guide=guide)
+    tiles = plan_tiles(np.full((150, 300), 6.0, np.float32), left.shape, DisparityRange(-8, 24))
+    rows, columns = tiles[-1].seen
+    np.testing.assert_array_equal(part_of(problem, tiles[-1]).guide, np.moveaxis(guide[rows, columns], 2, 0))
 
 
 def test_tiles_in_a_pool_are_those_in_turn() -> None:

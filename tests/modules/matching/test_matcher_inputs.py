@@ -88,7 +88,7 @@ def test_too_little_memory_is_refused_with_what_is_needed() -> None:
     wide = np.tile(NOISE, (4, 12))
     name = "matching.semi_global_match"
     assert complaint(name, Views(wide, wide), 0, 500, max_memory_mb=20) == (
-        f"{name}: 1080x240 px and 500 disparities need at least 141 MB, but max_memory_mb is 20; raise it, narrow the "
+        f"{name}: 1080x240 px and 500 disparities need at least 138 MB, but max_memory_mb is 20; raise it, narrow the "
         "range or reduce the images"
     )
     coarse = complaint(name, Views(wide, wide), 0, 500, max_memory_mb=20, coarse_to_fine=True)

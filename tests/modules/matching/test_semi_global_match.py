@@ -6,17 +6,18 @@ import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from modules.matching.aggregation import Problem, Selection, Storage, aggregate, plan_storage
+from modules.matching.aggregation import Problem, Selection, Storage, aggregate, plan_storage, steps_along
 from modules.matching.check_left_right import CheckLeftRightParams, check_left_right
 from modules.matching.features import Features, census_bits, census_offsets, compute_features, slope_values
 from modules.matching.kernels import cost as kernels
-from modules.matching.semi_global_match import SemiGlobalMatchParams, match_gray, semi_global_match
+from modules.matching.semi_global_match import SemiGlobalMatchParams, match_gray, semi_global_match, state_problem
 from modules.operator import OperatorError
 from modules.types import DisparityRange, Matching, Views
 
@@ -203,11 +204,33 @@ def test_the_product_depends_neither_on_threads_nor_on_memory() -> None:
     search = DisparityRange(-20, 80)
     whole = match_gray(views.left, views.right, search, SemiGlobalMatchParams())
     assert plan_storage((240, 300), 100, 400, "matching") == Storage(costs=True)
-    assert plan_storage((240, 300), 100, 16, "matching") == Storage()
-    assert plan_storage((240, 300), 100, 11, "matching").strips > 1
+    assert plan_storage((240, 300), 100, 14, "matching") == Storage()
+    assert plan_storage((240, 300), 100, 8, "matching").strips > 1
     for threads, memory_mb in ((1, 400), (1, 16), (2, 16), (1, 11), (2, 11)):
         params = SemiGlobalMatchParams(threads=threads, max_memory_mb=memory_mb)
         assert same(match_gray(views.left, views.right, search, params), whole)
+
+
+def test_the_guide_in_colour_and_its_depth() -> None:
+    rng = np.random.default_rng(3)
+    left = np.repeat(rng.integers(80, 120, (40, 60, 1)), 3, axis=2).astype(np.uint8)
+    left[:, 30:, 0] += 60  # red and blue change and leave the luminance as it was
+    left[:, 30:, 2] -= 57
+    views = Views(left, np.roll(left, -3, axis=1))
+    gray = Views(
+        *(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8) for image in (views.left, views.right))
+    )
+    search, params = DisparityRange(0, 12), SemiGlobalMatchParams()
+    in_colour = state_problem(gray.left, gray.right, search, params, guide=left)
+    assert steps_along(in_colour.guide, backward=False)[0, :, 30].min() > 20
+    assert steps_along(state_problem(gray.left, gray.right, search, params).guide, backward=False)[0].max() < 60
+    eight, sixteen = (
+        semi_global_match(Matching(seen, search), params).disparity
+        for seen in (views, Views(left.astype(np.uint16) * 257, views.right.astype(np.uint16) * 257))
+    )
+    assert eight is not None
+    assert sixteen is not None
+    assert np.nanmedian(np.abs(eight.disparity_px - sixteen.disparity_px)) < 0.05
 
 
 def test_concurrent_calls_give_what_one_gives() -> None:
@@ -293,7 +316,7 @@ def test_the_second_best_cost_exceeds_the_best_and_right_and_left_agree() -> Non
 
 def test_too_little_memory_is_refused_before_any_is_taken() -> None:
     words = (
-        "matching.semi_global_match: 40000x30000 px and 128 disparities need at least 5336 MB, but max_memory_mb is "
+        "matching.semi_global_match: 40000x30000 px and 128 disparities need at least 4962 MB, but max_memory_mb is "
         "500; raise it, narrow the range or reduce the images"
     )
     with pytest.raises(OperatorError) as caught:
