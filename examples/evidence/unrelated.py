@@ -1,8 +1,8 @@
 """Print how many points agree, and what is matched, where two images show one scene and where they do not.
 
 The evidence behind MEA008 and MAT041 to MAT043: the left image of every N-th development pair with its right image,
-both exchanged, the right one under heavy noise, and that of another scene; points that agree with one row model, and pixels
-that get a disparity, by profile.
+both exchanged, the right one under heavy noise, and that of another scene; points that agree with one row model, and
+pixels that get a disparity, by profile.
 
     TERREX_DATA=FOLDER python examples/evidence/unrelated.py [--every 4]
 """

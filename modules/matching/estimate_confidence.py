@@ -58,8 +58,8 @@ def estimate_confidence(state: Matching, params: EstimateConfidenceParams) -> Ma
     Notes
     -----
     On scenes left out of the fit (`benchmarks.calibrate_confidence`), the limit of 0.25 takes the wrong among valid
-    of the robust matcher from 8.7 to 8.3 % for 0.8 % of its pixels, one of 0.5 to 7.2 % for 3.3 %. Of wrong patches
-    put into good maps these limits reject 83 and 92 % of the pixels; of images that cannot match (two scenes,
+    of the robust matcher from 8.2 to 7.6 % for 1.1 % of its pixels, one of 0.5 to 6.4 % for 3.9 %. Of wrong patches
+    put into good maps these limits reject 85 and 93 % of the pixels; of images that cannot match (two scenes,
     noise, a pattern that repeats along the rows, nothing) they keep none.
     `sigma_px` describes pixels whose match is right; whether it is, the confidence says. A pattern that repeats along
     the rows agrees with the images at several disparities: use `check_uniqueness` there.
