@@ -142,7 +142,7 @@ def normalise(thumbnail: Gray) -> Gray:
 
 
 def match_normalised(left: Gray, right: Gray, first: int, count: int) -> FloatImage:
-    """Do what `match_thumbnails` does for thumbnails that are normalised."""
+    """Return the disparity of normalised thumbnails (H, W), uint8, as `match_thumbnails` does of thumbnails."""
     # Pad so that the columns whose match lies outside of the image do not lose the border of the range.
     before, after = max(0, first + count), max(0, -first)
     padded = [cv2.copyMakeBorder(x, 0, 0, before, after, cv2.BORDER_REPLICATE) for x in (left, right)]
