@@ -159,7 +159,7 @@ def solve_weighted(design: Floats, values: Floats, weights: Floats) -> Floats:
     """Return the coefficients, float64 (K,), of least weighted squares of `values - design @ coefficients`.
 
     A trace of a ridge keeps columns that depend on each other from blowing up; a column that varies by less than a
-    millionth of its mean beside a constant one is damped by it, so centre the columns.
+    hundred-thousandth of its mean beside a constant one is damped by it, so centre the columns.
 
     Parameters
     ----------
