@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path as FilePath
+from types import FrameType
 
 from expert.facts import Vocabulary
 from expert.rules.checks.catalog import errors
@@ -59,9 +63,26 @@ class LoadedRules(KnownRules):
     merged: Merged = field(repr=False)
 
 
+@contextmanager
+def _interrupt_deferred() -> Iterator[None]:
+    """Let an interrupt from the terminal wait: pydantic takes one for a value that it cannot write, and goes on."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[FrameType | None] = []
+    handler = signal.signal(signal.SIGINT, lambda _, frame: came.append(frame))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if came and callable(handler):
+        handler(signal.SIGINT, came[0])
+
+
 def canonical_json(base: RuleBase) -> str:
     """Return a rule base as JSON in one form; the order of rules does not matter, that of slots does."""
-    data = base.model_dump(mode="json", by_alias=True, exclude_none=True)
+    with _interrupt_deferred():
+        data = base.model_dump(mode="json", by_alias=True, exclude_none=True)
     data["rules"] = sorted(data["rules"], key=lambda rule: rule["id"])
     return json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
