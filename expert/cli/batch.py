@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from expert.cli import check_interrupt
 from expert.cli.options import (
     AttitudeOptions,
     BudgetOptions,
@@ -152,6 +153,7 @@ def batch(
     if dry_run:
         typer.echo(_planned(plan), nl=False)
         return
+    check_interrupt()
     with _shown(len(plan.todo)) as progress:
         state = made.run(
             plan,
