@@ -270,7 +270,7 @@ OPERATOR = Operator(
     slot="matcher",
     params=SemiGlobalMatchParams,
     function=semi_global_match,
-    cost=Cost(fixed_ms=2.0, ns_per_pixel=130.0, ns_per_pixel_disparity=1.0),
+    cost=Cost(fixed_ms=2.0, ns_per_pixel=55.0, ns_per_pixel_disparity=1.9),
     summary="Match by census and horizontal derivatives along eight paths.",
     suits="The most accurate matcher, immune to brightness differences; slower, and heavy noise needs a larger window.",
     needs=("numba",),
